@@ -8,14 +8,8 @@ from pathlib import Path
 
 from made_once import MadeOnce
 
-from benchmarks.examiner import (
-    draw_truth,
-    DrawSettings,
-    RecordSettings,
-    RUNS,
-    Truth,
-    write_campaign,
-)
+from benchmarks import examiner
+from benchmarks.examiner import draw_truth, DrawSettings, RecordSettings, RUNS, Truth
 
 SHORT = RecordSettings(hold=2.0, static_rate=25.0, duration=8.0, dynamic_rate=500.0)
 
@@ -39,7 +33,7 @@ class ShortBags:
 
 
 def _write(truth: Truth, run: str, folder: Path) -> None:
-    bag, = write_campaign(truth, folder, [run], SHORT)
+    bag, = examiner.write_campaign(truth, folder, [run], SHORT)
     for file in bag.iterdir():
         file.rename(folder / file.name)
     bag.rmdir()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from saddlering_ros import rig
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, join
@@ -17,14 +18,7 @@ from saddlering_ros.record.displacement import DisplacementStream, measured_rows
 from saddlering_ros.record.guard import Samples
 from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.rig import (
-    default_rig,
-    load_rig,
-    ParameterSet,
-    TONNE,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros.rig import default_rig, load_rig, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.parameter_file import RigError
 
 RIG = default_rig()
@@ -122,7 +116,7 @@ def test_a_load_that_rolls_over_costs_the_same_live_and_offline(
     stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
     raw = read_raw(bag)[LOAD_TOPIC]
     live_rows = stream.push(Samples(raw.stamps, raw.values))
-    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
+    rig.write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
     assert main(['simulate', str(bag), '--params', str(tmp_path / 'p.yaml'),
                  '--out', str(tmp_path / 'out.csv')]) == 0
     assert ('rolls over' in capsys.readouterr().out) == (width < 1.0)

@@ -14,16 +14,11 @@ import pytest
 import rclpy
 from rosbags.highlevel import AnyReader
 
+from saddlering_ros import rig
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
-from saddlering_ros.rig import (
-    CHANNELS,
-    ParameterSet,
-    ParameterSource,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros.rig import CHANNELS, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ring.simulator import simulate_in_blocks
 
 BAG = share_directory() / 'bags' / 'dynamic_50_fast'
@@ -32,7 +27,7 @@ BAG = share_directory() / 'bags' / 'dynamic_50_fast'
 @pytest.fixture(scope='module')
 def parameters(tmp_path_factory):
     path = tmp_path_factory.mktemp('numbers') / 'parameters.yaml'
-    source = ParameterSource(method='given', bags=('a', 'b'), covariance=np.eye(6))
+    source = rig.ParameterSource(method='given', bags=('a', 'b'), covariance=np.eye(6))
     write_parameters(path, ParameterSet(TRUE_TO_SCALE, {'radial_friction': {'force': 5e3}},
                                         source))
     return path

@@ -9,15 +9,9 @@ from benchmarks.rigs import as_read
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.effects import EffectRequest, request
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig.experiment import Instruments, PhysicalRig, record_test, TestPlan
 from saddlering_ros.virtual_rig.integrator import Scatter
 
 RIG = default_rig()
@@ -54,8 +48,8 @@ def session(
     for number, (test, degrees) in enumerate(tests):
         physical = PhysicalRig(rig, contact, math.radians(degrees), tuple(effects),
                                Scatter(1e-6, 0.02), rollers)
-        schedule = (static_schedule(RIG, hold=2.5, step=step) if test == 'static'
-                    else dynamic_schedule(RIG, duration=8.0))
+        schedule = (experiment.static_schedule(RIG, hold=2.5, step=step) if test == 'static'
+                    else experiment.dynamic_schedule(RIG, duration=8.0))
         made = record_test(TestPlan(
             physical, schedule, 100 * day + number, Instruments(0.3e-6),
             25.0 if test == 'static' else 250.0, begin=EPOCH + DAY * day + HALF_HOUR * number))

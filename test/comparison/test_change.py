@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from sessions_made import dirt, RIG, session, with_size
 
+from saddlering_ros.comparison import sessions
 from saddlering_ros.comparison.change import (
     change_words,
     check_sessions,
@@ -20,19 +21,7 @@ from saddlering_ros.comparison.change import (
     renewed_between,
 )
 from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
-from saddlering_ros.comparison.sessions import (
-    beside,
-    CONTACT_CHANGE,
-    DEFINITION,
-    EARLIER,
-    in_doubt,
-    LATER,
-    left_between,
-    seen_in,
-    SESSION,
-    TwoSessions,
-    with_main_cause,
-)
+from saddlering_ros.comparison.sessions import beside, LATER, SESSION, TwoSessions, with_main_cause
 from saddlering_ros.comparison.wear import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
@@ -162,7 +151,7 @@ def test_a_probe_whose_sign_was_reversed_in_one_session_is_told_with_its_place()
         'reversal': Estimate(1.0, 0.03, '1'), 'probe': Estimate(2.0, 0.0, '1')},
         0.0, 1.0, 0.2, Gain(0.9, None, 'none'))
     assert change_words(cause) == 'reversed sign of a probe, probe 2 reversal by +1.000 ± 0.030'
-    assert {one[SESSION] for one in effect.variants} == {EARLIER, LATER}
+    assert {one[SESSION] for one in effect.variants} == {sessions.EARLIER, LATER}
 
 
 def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(before, grown):
@@ -174,7 +163,7 @@ def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(befo
     doubts = check_sessions(at('0'), moved)[1]
     assert list(doubts.values()) == [
         'Repeat the later session at the slewing angle of the earlier one.']
-    doubted = in_doubt(grown.diagnosis)
+    doubted = sessions.in_doubt(grown.diagnosis)
     assert (doubted.verdict, doubted.complete) == ('unknown', False)
     assert all(cause.partial for cause in doubted.causes)
 
@@ -207,7 +196,7 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
 
 @pytest.mark.usefixtures('no_pictures')
 def test_a_change_tells_how_certain_it_is(grown, tmp_path):
-    group = ('radial_friction', CONTACT_CHANGE)
+    group = ('radial_friction', sessions.CONTACT_CHANGE)
     cause = replace(grown.diagnosis.causes[0], group=group)
     change = replace(grown, diagnosis=replace(
         grown.diagnosis, causes=(cause,), near_limit=('it falls with a run',),
@@ -240,9 +229,10 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     stated = with_main_cause(unsure, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
     assert stated.probabilities['radial_friction'] > 0.9
-    assert in_doubt(stated).probabilities['radial_friction'] < 0.2
+    assert sessions.in_doubt(stated).probabilities['radial_friction'] < 0.2
     force, wider = (one.parameters['force'] for one in (cause, stated.causes[0]))
-    assert wider.std == pytest.approx(np.hypot(force.std, np.hypot(0.2, DEFINITION) * force.value))
+    assert wider.std == pytest.approx(
+        np.hypot(force.std, np.hypot(0.2, sessions.DEFINITION) * force.value))
     exact = replace(cause, parameters={'force': replace(force, std=1e-3 * force.value)})
     sure = with_main_cause(replace(unsure, causes=(exact,)), 0.0).causes[0]
     assert sure.parameters['force'].std > 0.02 * force.value, 'laws of one name differ'
@@ -262,13 +252,13 @@ def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     assert with_main_cause(replace(silent, causes=(tiny,)), 0.0).verdict == 'none'
     runs = [record.run for record in (*grown.before, *grown.after)]
     system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
-    assert left_between(grown.diagnosis, system) < 2e-3
+    assert sessions.left_between(grown.diagnosis, system) < 2e-3
     shifted = grown.diagnosis.fits.metric.problem.with_runs(
         [replace(run, channels=run.channels + 1e-5 * np.sin(run.time)) for run in runs])
     fits = grown.diagnosis.fits
     both = replace(grown.diagnosis, fits=replace(
         fits, metric=replace(fits.metric, problem=shifted)))
-    assert left_between(both, system) < 2e-3
+    assert sessions.left_between(both, system) < 2e-3
 
 
 @pytest.fixture(scope='module')
@@ -310,7 +300,7 @@ def test_a_change_that_leaves_the_bounds_is_not_determined(grown, identified):
     """With a load in pounds after, K1 changed by (3.92 +- 0.10)e9 N/m^n beyond its bound."""
     system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
     fits = grown.diagnosis.fits
-    runs = [run if system.session_of(run) == EARLIER
+    runs = [run if system.session_of(run) == sessions.EARLIER
             else replace(run, channels=-2.0 * run.channels) for run in fits.metric.problem.runs]
     stiff = replace(grown.diagnosis, fits=replace(fits, metric=replace(
         fits.metric, problem=fits.metric.problem.with_runs(runs))))
@@ -346,8 +336,8 @@ def test_an_instrument_calibrated_between_the_sessions_may_differ_by_both_certif
 def test_a_cause_acts_in_its_own_session_only():
     point = Point(np.array([1.0, 1.1, 2.0, 3.0, 1.1, 4.0]), {
         'load_gain': {'gain': 0.01, SESSION: LATER},
-        CONTACT_CHANGE: {'change': -0.1, 'quantity': 1.0, SESSION: LATER}})
-    earlier, later = seen_in(EARLIER, point), seen_in(LATER, point)
+        sessions.CONTACT_CHANGE: {'change': -0.1, 'quantity': 1.0, SESSION: LATER}})
+    earlier, later = sessions.seen_in(sessions.EARLIER, point), sessions.seen_in(LATER, point)
     assert earlier.effects == {}
     assert list(earlier.base) == list(point.base)
     assert later.effects == {'load_gain': {'gain': 0.01}}

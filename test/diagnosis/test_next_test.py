@@ -10,16 +10,10 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis import diagnose_ring, next_test
+from saddlering_ros.diagnosis import diagnose_ring, next_test, ring_wording
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of
-from saddlering_ros.diagnosis.ring_wording import (
-    document_text,
-    headline,
-    parameter_words,
-    size_of,
-    title_of,
-)
+from saddlering_ros.diagnosis.ring_wording import document_text, headline, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.discrepancy.verdict.wording import almost_a_cause_words, free_test_words
@@ -330,7 +324,8 @@ def test_lines_are_told_in_one_phrase_with_amplitudes_and_frequencies():
     assert headline({'verdict': 'named', 'causes': causes}) == (
         'The simulation lacks mains pickup (probe 2 amplitude 2.00 µm at 50.0 Hz and '
         'probe 2 amplitude 358 nm at 100 Hz).')
-    assert parameter_words(causes[0]) == 'probe 2, amplitude 2.00 µm, frequency 50.0 Hz'
+    assert ring_wording.parameter_words(causes[0]) == (
+        'probe 2, amplitude 2.00 µm, frequency 50.0 Hz')
 
 
 def sound(**channels: tuple[float, float, float]) -> dict:

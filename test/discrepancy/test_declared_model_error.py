@@ -9,16 +9,8 @@ import numpy as np
 import pytest
 from test_any_simulator import example
 
-from saddlering_ros.discrepancy import (
-    Channel,
-    check,
-    diagnose,
-    Effect,
-    Model,
-    Noise,
-    Parameter,
-    Run,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Channel, check, diagnose, Model, Noise, Parameter, Run
 
 Sound = tuple[Model, list[Run]]
 """A model and runs that it can only miss by something of which no effect is listed."""
@@ -168,7 +160,7 @@ def test_what_remains_is_compared_with_the_noise_without_declared_model_error() 
 
 def test_a_cause_that_the_declared_error_hides_makes_none_no_less_sure() -> None:
     model, runs = wandering()
-    listed = Effect('Step', {'size': Parameter(0.0, 1.0)})
+    listed = discrepancy.Effect('Step', {'size': Parameter(0.0, 1.0)})
 
     def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])

@@ -11,13 +11,9 @@ from scipy.signal import lfilter
 from saddlering_ros.discrepancy import Channel, DiscrepancyError, Model, Parameter, Run
 from saddlering_ros.discrepancy.noise import Noise, wrong_level
 from saddlering_ros.discrepancy.problem.model import ModelSystem
+from saddlering_ros.estimation import record_noise
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
-from saddlering_ros.estimation.record_noise import (
-    ChannelRecord,
-    continued,
-    widened,
-    with_model_error,
-)
+from saddlering_ros.estimation.record_noise import ChannelRecord, continued, widened
 from saddlering_ros.estimation.whitening import build_whitener
 
 STEP = 0.01
@@ -136,7 +132,7 @@ def test_a_declared_model_error_keeps_whitening_from_high_frequencies() -> None:
     # Slow noise alone: whitening is differencing, and a fast small error outweighs a slow large.
     slow = ChannelNoise(1e-9, np.array([1.0]), 0.0, 100, np.array([10.0]))
     fast, large = 0.03 * np.sin(300.0 * TIME), np.sin(0.5 * TIME)
-    wide = with_model_error(slow, 0.1, 10.0, STEP, 40.0)
+    wide = record_noise.with_model_error(slow, 0.1, 10.0, STEP, 40.0)
 
     def weight(noise: ChannelNoise) -> float:
         a, b = whitened(noise, fast), whitened(noise, large)

@@ -11,14 +11,8 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-    RunBlocks,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Effect, Parameter, Point, Problem, RunBlocks
 from saddlering_ros.discrepancy.problem.system import Estimate
 from saddlering_ros.discrepancy.verdict.published import with_form_error
 
@@ -40,14 +34,14 @@ def swinging(run: RunBlocks, frequency: float, share: float) -> RunBlocks:
 
 
 def test_noise_alone_gives_no_verdict_and_no_material_swing() -> None:
-    found = diagnose_system(Problem(second_system.Axis(), runs(7)))
+    found = discrepancy.diagnose_system(Problem(second_system.Axis(), runs(7)))
     assert found.verdict == 'none'
     assert found.residual_after.fast.visible < 1e-3
 
 
 def test_a_swing_too_fast_for_the_drive_is_unknown_and_told_by_its_frequency() -> None:
     swung = [swinging(run, 4.0, 0.02) for run in runs(7)]
-    found = diagnose_system(Problem(second_system.Axis(), swung))
+    found = discrepancy.diagnose_system(Problem(second_system.Axis(), swung))
     assert found.verdict == 'unknown'
     assert found.residual_after.fast.visible > 1e-3
     assert found.residual_after.fast.frequency == pytest.approx(4.0, rel=0.2)
@@ -61,7 +55,7 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
             if item.id == 'friction'
         )
 
-    found = diagnose_system(Problem(Idealised(), runs(3, friction={'force': 2.0})))
+    found = discrepancy.diagnose_system(Problem(Idealised(), runs(3, friction={'force': 2.0})))
     force = found.causes[0].parameters['force']
     assert 0.1 < force.std / force.value < 0.15
 
@@ -97,5 +91,5 @@ PEAK = 0.02 * np.exp(-((TIME - 12.0) / 0.15) ** 2)
 def test_a_structure_is_not_larger_than_the_residual_in_which_it_is_seen() -> None:
     noise = 2e-4 * np.random.default_rng(5).standard_normal((2, TIME.size))
     measured = [recorded(f'run {k}', (LOAD + PEAK + own)[None, :]) for k, own in enumerate(noise)]
-    found = diagnose_system(Problem(Imitated(), measured))
+    found = discrepancy.diagnose_system(Problem(Imitated(), measured))
     assert found.residual_before.slow.visible < 0.0143  # rms of the residual; the wave is 0.07

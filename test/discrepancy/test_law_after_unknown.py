@@ -9,15 +9,8 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-    RunBlocks,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, Problem, RunBlocks
 
 NOISE = 0.003
 
@@ -72,7 +65,8 @@ class BenchWithTheLaw(Bench):
 
     def __init__(self, law) -> None:
         self.law, peak = law, float(np.abs(law.terms[0].values).max())
-        self.effects = (Effect('proposed', {'size': Parameter(-3.0 * peak, 3.0 * peak)}),)
+        size = discrepancy.Parameter(-3.0 * peak, 3.0 * peak)
+        self.effects = (discrepancy.Effect('proposed', {'size': size}),)
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         size = point.effects.get('proposed', {}).get('size', 0.0)
@@ -116,7 +110,8 @@ class TwoChannels(System):
 
     channel_names = ('one', 'two')
     views = MappingProxyType({'one': np.array([1.0, 0.0]), 'two': np.array([0.0, 1.0])})
-    base_parameters = (Parameter(0.2, 6.0, name='bend'), Parameter(0.5, 2.0, name='slope'))
+    base_parameters = (discrepancy.Parameter(0.2, 6.0, name='bend'),
+                       discrepancy.Parameter(0.5, 2.0, name='slope'))
     effects = ()
 
     def predict(self, name: str, point: Point) -> np.ndarray:

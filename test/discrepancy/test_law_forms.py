@@ -5,14 +5,8 @@ from __future__ import annotations
 from bench import LOAD, recorded, STEP, System, TIME
 import numpy as np
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, Problem
 
 NOISE = 5e-4
 SIZE, TIME_CONSTANTS = 0.3, (0.25, 4.0)
@@ -54,7 +48,7 @@ def measured(bend: float, sway: float) -> np.ndarray:
 
 
 def diagnosed(bend: float = 0.0, sway: float = 0.0) -> Diagnosis:
-    return diagnose_system(Problem(Film(), [recorded('slow', measured(bend, sway))]))
+    return discrepancy.diagnose_system(Problem(Film(), [recorded('slow', measured(bend, sway))]))
 
 
 def names(found: Diagnosis) -> set[str]:

@@ -8,20 +8,8 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    Channel,
-    diagnose,
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Model,
-    Noise,
-    Parameter,
-    Point,
-    Problem,
-    Run,
-    Settings,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Point, Problem, Run
 
 NOISE = 5e-3
 DULL = 0.25
@@ -49,14 +37,15 @@ class Bent(System):
         return seen
 
 
-def diagnosed(size: float, seed: int) -> Diagnosis:
+def diagnosed(size: float, seed: int) -> discrepancy.Diagnosis:
     """With a bend of that size in the second channel."""
     chance = np.random.default_rng(seed)
     point = Point(np.ones(1), {'bend': {'size': size, 'channel': 1.0}} if size else {})
     seen = Bent().predict('slow', point)
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
     # As rare an error as each of many candidates is allowed.
-    return diagnose_system(Problem(Bent(), [run], Settings(error_rate=1e-4)))
+    settings = discrepancy.Settings(error_rate=1e-4)
+    return discrepancy.diagnose_system(Problem(Bent(), [run], settings))
 
 
 def test_a_limit_holds_for_the_dullest_channel_and_the_best_is_told_beside_it() -> None:
@@ -96,7 +85,7 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
 
     seen = Bent().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
-    found = diagnose_system(Problem(Placed(), [run]))
+    found = discrepancy.diagnose_system(Problem(Placed(), [run]))
     limits = {item.effect: item for item in found.observability.limits}
     assert not limits['idle'].testable
     assert np.isinf(limits['idle'].limit)
@@ -114,11 +103,11 @@ def test_a_limit_counts_what_the_refitted_base_takes_of_an_effect() -> None:
         swing,
         {'rate': Parameter(0.5, 4.0)},
         {'stiffer': Effect('A stiffer spring', {'size': Parameter(0.0, 1.0)})},
-        {'seen': Channel(noise=Noise.white(0.01))},
+        {'seen': Channel(noise=discrepancy.Noise.white(0.01))},
     )
     noise = 0.01 * np.random.default_rng(1).normal(size=time.size)
     run = Run('swing', time, {}, {'seen': np.cos(1.3 * time) + noise})
-    (limit,) = diagnose(model, [run]).observability.limits
+    (limit,) = discrepancy.diagnose(model, [run]).observability.limits
     # 0.1 of a cosine of 400 samples in noise of 0.01 is 140 standard deviations for a size of 1
     assert 0.025 < limit.limit < 0.045
 
@@ -136,6 +125,6 @@ def test_a_base_parameter_that_its_bound_stops_is_told_and_no_cause_is_named() -
 
     model = Model(simulate, {'gain': Parameter(0.5, 1.0)},
                   {'bend': Effect('Bend', {'size': Parameter(-5.0, 5.0)})}, {'seen': Channel()})
-    answer = diagnose(model, [record('a', 0.9), record('b', 1.7)])
+    answer = discrepancy.diagnose(model, [record('a', 0.9), record('b', 1.7)])
     assert answer.verdict == 'unknown'
     assert any(warning.startswith('gain = 1.00: the misfit falls') for warning in answer.warnings)

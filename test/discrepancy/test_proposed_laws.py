@@ -8,14 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy.law.families import (
-    direction_of,
-    Misfit,
-    ObservedRun,
-    Products,
-    relaxations,
-    stop_operators,
-)
+from saddlering_ros.discrepancy.law import families
+from saddlering_ros.discrepancy.law.families import Misfit, ObservedRun, Products, relaxations
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
 
 NOISE = 0.02
@@ -29,7 +23,7 @@ def run(name: str, added, seed: int, peak: float = 1.0, speed: float = 1.0) -> O
     coordinates = {
         'load': load,
         'time': time,
-        'direction': direction_of(load, 0.01),
+        'direction': families.direction_of(load, 0.01),
         'rate': np.gradient(load, time)}
     noise = np.random.default_rng(seed).normal(size=(2, time.size)) * NOISE
     residual = noise + 0.3 * load
@@ -63,7 +57,7 @@ LAWS = {
     'dead zone': (lambda c: 0.8 * np.maximum(c['load'] - 0.55, 0.0), 'load'),
     'power': (lambda c: 0.3 * np.sqrt(c['load']), 'load'),
     'constant': (lambda c: 0.1 * c['direction'], 'direction'),
-    'play': (lambda c: stop_operators(c['load'], np.array([0.12]))[:, 0], 'hysteresis'),
+    'play': (lambda c: families.stop_operators(c['load'], np.array([0.12]))[:, 0], 'hysteresis'),
     'exponential memory': (
         lambda c: relaxations(c['time'], c['load'], np.array([1.0]))[:, 0], 'rate')}
 

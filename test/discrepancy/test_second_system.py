@@ -10,19 +10,8 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    Channel,
-    check,
-    diagnose,
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Model,
-    Point,
-    Problem,
-    Run,
-    RunBlocks,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Channel, check, diagnose, Effect, Model, Point, Problem, Run
 from saddlering_ros.progress import Progress
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
@@ -38,13 +27,14 @@ class Short(second_system.Axis):
 
 
 @lru_cache(maxsize=8)
-def diagnosed(hidden: str = '', size: float = 0.0, seed: int = 1, *missing: str) -> Diagnosis:
+def diagnosed(hidden: str = '', size: float = 0.0, seed: int = 1, *missing: str,
+              ) -> discrepancy.Diagnosis:
     effects = {hidden: {effect_size(hidden): size}} if hidden else {}
     runs = [
         second_system.measure(100 * seed + k, effects, period)
         for k, period in enumerate((3.0, 6.0))
     ]
-    return diagnose_system(Problem(Short(*missing), runs))
+    return discrepancy.diagnose_system(Problem(Short(*missing), runs))
 
 
 def effect_size(name: str) -> str:
@@ -73,11 +63,11 @@ def test_an_effect_that_is_in_no_catalogue_is_not_given_a_confident_name() -> No
 
 def test_a_simulator_of_the_wrong_shape_is_told_so() -> None:
     class Wrong(second_system.Axis):
-        def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> np.ndarray:
+        def predict_many(self, run: discrepancy.RunBlocks, points: Sequence[Point]) -> np.ndarray:
             return np.zeros((len(points), 1, run.time.size))
 
     with pytest.raises(ValueError, match='wrong shape'):
-        diagnose_system(Problem(Wrong(), [second_system.measure(1, {}, 3.0)]))
+        discrepancy.diagnose_system(Problem(Wrong(), [second_system.measure(1, {}, 3.0)]))
 
 
 class SlowAxis:

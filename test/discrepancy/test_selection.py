@@ -10,18 +10,8 @@ from bench import LOAD, measured, Shapes, STEP, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    Cause,
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-    RestSegment,
-    RunBlocks,
-    Settings,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Problem, Settings
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
@@ -34,7 +24,8 @@ from saddlering_ros.discrepancy.search.space import (
 )
 
 
-def only_cause(system: System, run: RunBlocks, settings: Settings | None = None) -> Cause:
+def only_cause(system: System, run: discrepancy.RunBlocks, settings: Settings | None = None,
+               ) -> discrepancy.Cause:
     (cause,) = diagnose_system(Problem(system, [run], settings or Settings())).causes
     return cause
 
@@ -84,7 +75,8 @@ def group_of_a_square(stretches: int) -> set[str]:
     unsure level might make.
     """
     chance = np.random.default_rng(4)
-    rest = [RestSegment(1e-3 * chance.normal(size=(1, 80)), STEP) for _ in range(stretches)]
+    rest = [discrepancy.RestSegment(1e-3 * chance.normal(size=(1, 80)), STEP)
+            for _ in range(stretches)]
     system = Shapes(0.2, square=LOAD**2, cube=LOAD**3)
     run = measured(system, 1e-3, {'square': {'size': 0.042}}, seed=3, rest=rest)
     return set(only_cause(system, run, Settings(form_error=0.0)).group)
@@ -142,8 +134,9 @@ def test_no_third_effect_is_looked_for_where_two_explain_little(
              for name, turns in (('a', 5.0), ('b', 8.0), ('c', 11.0), ('unlisted', 14.0))}
     wave = unlisted * waves.pop('unlisted')
     system = Shapes(**waves)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=(1, 80))
     run = measured(system, 1e-3, {name: {'size': 0.1} for name in waves},
-                   rest=[RestSegment(1e-3 * np.random.default_rng(2).normal(size=(1, 80)), STEP)])
+                   rest=[discrepancy.RestSegment(noise, STEP)])
     space = prepare(Problem(system, [replace(run, channels=run.channels + wave)]))
     fit = selection.forward(space, space.base, SearchLog())
     assert len(fit.candidate.effects) == effects
@@ -197,7 +190,7 @@ SIZES = {'push': 0.24, 'pull': -0.196}
 """In these sizes, each change covers almost all of the other."""
 
 
-def spring(**sizes: float) -> Diagnosis:
+def spring(**sizes: float) -> discrepancy.Diagnosis:
     """The diagnosis of a run with effects of these sizes, whose shapes are nearly the same."""
     system = Shapes(push=LOAD**2, pull=LOAD**2.5)
     effects = {name: {'size': size} for name, size in sizes.items()}

@@ -8,15 +8,8 @@ from bench import LOAD, recorded, STEP, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-    RestSegment,
-    RunBlocks,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Problem, RunBlocks
 
 NOISE = 2e-3
 FREQUENCY = 3.7
@@ -31,7 +24,7 @@ class Bench(System):
         Effect('bend', {'size': Parameter(-0.5, 0.5)}),
     )
 
-    def at(self, load: np.ndarray, point: Point) -> np.ndarray:
+    def at(self, load: np.ndarray, point: discrepancy.Point) -> np.ndarray:
         bend = point.effects.get('bend', {'size': 0.0})['size']
         return (point.base[0] * load + bend * load**2)[None, :]
 
@@ -45,7 +38,7 @@ def two_runs(swing: np.ndarray, bend: float = 0.0) -> list:
     for number, name in enumerate(('first', 'second')):
         noise = NOISE * np.random.default_rng(number).normal(size=(1, TIME.size))
         seen = LOAD + bend * LOAD**2 + swing + noise
-        runs.append(recorded(name, seen, [RestSegment(seen[:, TIME < 4.0], STEP)]))
+        runs.append(recorded(name, seen, [discrepancy.RestSegment(seen[:, TIME < 4.0], STEP)]))
     return runs
 
 
@@ -118,7 +111,7 @@ def held_test(seed: int, size: float) -> RunBlocks:
     for number, level in enumerate(levels):
         own = 7.0 * number + 0.04 * np.arange(125)
         swing = size * np.cos(2.0 * np.pi * FREQUENCY * own) + NOISE * random.normal(size=125)
-        rest.append(RestSegment((level + swing)[None, :], 0.04))
+        rest.append(discrepancy.RestSegment((level + swing)[None, :], 0.04))
         for part in np.array_split(np.arange(125), 4):
             time.append(own[part].mean())
             seen.append(level + swing[part].mean())
@@ -156,6 +149,7 @@ def test_a_swing_of_two_periods_in_the_one_fast_run_is_no_line() -> None:
         seen = load + swing + noise
         runs.append(RunBlocks(
             name, 'bench', time, np.full(count, step), seen, {'load': load},
-            (RestSegment(seen[:, load == 0.0], step),), direction=np.sign(np.gradient(load))))
+            (discrepancy.RestSegment(seen[:, load == 0.0], step),),
+            direction=np.sign(np.gradient(load))))
     found = diagnose_system(Problem(Bench(), runs))
     assert 'pickup' not in {cause.effect for cause in found.causes}

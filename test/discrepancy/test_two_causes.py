@@ -9,15 +9,8 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-    Problem,
-    Settings,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, Problem, Settings
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.verdict import published
 
@@ -58,7 +51,7 @@ def diagnosed(inexact: float, **sizes: float) -> Diagnosis:
         seen[0] += (name == 'fast') * inexact * sizes['late'] * np.sin(6.0 * np.pi * PHASE)
         seen += NOISE * chance.normal(size=seen.shape)
         runs.append(recorded(name, seen))
-    return diagnose_system(Problem(Spring(), runs))
+    return discrepancy.diagnose_system(Problem(Spring(), runs))
 
 
 def names(found: Diagnosis) -> set[str]:

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from saddlering_ros import effects
+from saddlering_ros import effects, rig
 from saddlering_ros.effects import (
     catalogue,
     effect,
@@ -23,13 +23,7 @@ from saddlering_ros.effects import (
     Variant,
 )
 from saddlering_ros.effects.extension import shared_parameters
-from saddlering_ros.rig import (
-    CHANNELS,
-    ParameterSet,
-    read_parameters,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros.rig import CHANNELS, ParameterSet, read_parameters, TRUE_TO_SCALE
 
 LOAD_PATH = {
     'load_gain', 'load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error',
@@ -180,7 +174,7 @@ def test_no_effects_is_the_plain_model() -> None:
 def test_an_effect_survives_a_parameter_file(one: RingEffect, tmp_path: Path) -> None:
     values = typical_values(one, one.variants[-1])
     path = tmp_path / 'parameters.yaml'
-    write_parameters(path, ParameterSet(TRUE_TO_SCALE, {one.id: values}))
+    rig.write_parameters(path, ParameterSet(TRUE_TO_SCALE, {one.id: values}))
     read = read_parameters(path).effects
     assert extension_of(read) == extension_of({one.id: values})
 

@@ -9,20 +9,13 @@ import numpy as np
 from pushed import pushed
 import pytest
 
-from saddlering_ros import effects
+from saddlering_ros import effects, rig
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import EffectError, use_folder
 from saddlering_ros.effects.law import Law, LawHistory, read_law_effect
-from saddlering_ros.rig import (
-    CHANNELS,
-    default_rig,
-    ParameterSet,
-    probes_to_displacement,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ring import simulate
 from saddlering_ros.ring.simulator import RingSimulator
 
@@ -69,7 +62,7 @@ def moved(extra: ParameterSet) -> np.ndarray:
 @pytest.mark.parametrize('target', CHANNELS)
 def test_a_law_of_the_folder_is_added_to_its_channel_alone(folder, target: str) -> None:
     folder(target, text=STEP.replace('unit: m', 'unit: rad') if target == 'gamma' else STEP)
-    change = probes_to_displacement(RIG.probes, moved(parameters(2e-6)))
+    change = rig.probes_to_displacement(RIG.probes, moved(parameters(2e-6)))
     for name in CHANNELS:
         highest = 2e-6 if name == target else 0.0
         assert getattr(change, name).max() == pytest.approx(highest, rel=1e-3, abs=1e-12), name

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.least_squares import (
-    covariance,
-    LazyAnswer,
-    minimise,
-    Rule,
-    SearchSpace,
-)
+from saddlering_ros.estimation import least_squares
+from saddlering_ros.estimation.least_squares import covariance, LazyAnswer, minimise, Rule
 from saddlering_ros.rig import TRUE_TO_SCALE
 
 PLACES = np.linspace(0.0, 4.0, 60)
@@ -91,6 +86,6 @@ def test_the_prior_holds_all_but_periodic_coordinates_at_the_middle_of_the_box()
 
 def test_coordinates_of_a_law_outside_of_the_box_are_those_of_its_nearest_point():
     box = {'K1': (1e7, 1e9), 'n1': (1.0, 1.3)}
-    space = SearchSpace.of(box, box, TRUE_TO_SCALE, ['K1'])
+    space = least_squares.SearchSpace.of(box, box, TRUE_TO_SCALE, ['K1'])
     law = np.array([1e10, 0.5, *TRUE_TO_SCALE.to_array()[2:]])
     assert space.contacts(space.coordinates(law))[0, :2] == pytest.approx([1e9, 1.0])

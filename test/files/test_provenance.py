@@ -10,17 +10,11 @@ from types import SimpleNamespace
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros import __version__, DiagnosisResult
+from saddlering_ros import __version__, DiagnosisResult, rig
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import Origin, sha256_of_file, share_directory, versions_in_use
-from saddlering_ros.rig import (
-    default_rig,
-    ParameterSet,
-    read_parameters,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros.rig import default_rig, ParameterSet, read_parameters, TRUE_TO_SCALE
 
 BAG = share_directory() / 'bags' / 'static_50'
 
@@ -28,7 +22,7 @@ BAG = share_directory() / 'bags' / 'static_50'
 @pytest.fixture
 def parameters(tmp_path):
     path = tmp_path / 'parameters.yaml'
-    write_parameters(path, ParameterSet(TRUE_TO_SCALE))
+    rig.write_parameters(path, ParameterSet(TRUE_TO_SCALE))
     return path
 
 

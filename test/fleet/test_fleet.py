@@ -10,19 +10,11 @@ from textwrap import fill
 import numpy as np
 import pytest
 
+from saddlering_ros.fleet import statistics
 from saddlering_ros.fleet.attention import fleet_document, judge_fleet, limits_from_text
 from saddlering_ros.fleet.history import follow, remaining_life, scales_alike, TimeSeries, YEAR
 from saddlering_ros.fleet.page import fleet_page, history_chart, MAX_TITLE
-from saddlering_ros.fleet.statistics import (
-    benjamini_hochberg,
-    e_value,
-    figures_of,
-    fit_population,
-    FleetError,
-    SessionFigures,
-    to_coordinates,
-    unlike_sisters,
-)
+from saddlering_ros.fleet.statistics import benjamini_hochberg, e_value, figures_of, FleetError
 from saddlering_ros.pages.html import pictures_of
 
 ERROR = np.array([0.012, 0.004, 0.03, 0.012, 0.004, 0.03])
@@ -35,7 +27,7 @@ def sessions_of(ring, change, *, rig='rig-a', count=8, seed=0, p_value=1.0):
     chance = np.random.default_rng([seed, *ring.encode()])
     mean = MEAN + SPREAD * chance.standard_normal(6)
     return [
-        SessionFigures(
+        statistics.SessionFigures(
             f'{ring}-{number}', f'{ring} {number}', ring, rig, (56.0 + 0.5 * number) * YEAR,
             500.0 * number, False, 'named' if p_value < 0.01 else 'none', p_value,
             mean + number * np.asarray(change) + ERROR * chance.standard_normal(6),
@@ -100,7 +92,7 @@ def test_restricted_likelihood_finds_the_spread_of_rings():
     between = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-2
     own = np.broadcast_to(np.diag([1e-2, 5e-3]), (300, 2, 2))
     means = chance.multivariate_normal([1.0, 2.0], between + own[0], 300)
-    found = fit_population(means, own)
+    found = statistics.fit_population(means, own)
     assert np.allclose(found.between, between, atol=0.006)
     assert np.allclose(found.mean, [1.0, 2.0], atol=0.05)
 
@@ -110,7 +102,7 @@ def test_the_one_ring_unlike_its_sisters_is_found_with_its_coordinate():
     means = MEAN + SPREAD * chance.standard_normal((30, 6))
     means[7, 2] += 0.8
     own = np.broadcast_to(np.diag(ERROR**2), (30, 6, 6))
-    found, _ = unlike_sisters(means, own)
+    found, _ = statistics.unlike_sisters(means, own)
     assert [index for index, item in enumerate(found) if item.stands] == [7]
     assert int(np.argmax(np.abs(found[7].z_scores))) == 2
 
@@ -226,7 +218,7 @@ def test_stiffness_at_the_reference_penetration_is_known_better_than_k():
     std_k, std_n = 0.1 * values[0], 0.0092
     covariance = np.diag([std_k**2, std_n**2, 9e10] * 2)
     covariance[0, 1] = covariance[1, 0] = covariance[3, 4] = covariance[4, 3] = 0.98*std_k*std_n
-    value, found = to_coordinates(values, covariance)
+    value, found = statistics.to_coordinates(values, covariance)
     assert value[0] == pytest.approx(math.log(1.29e8) + 0.11 * math.log(2e-5))
     assert math.sqrt(found[0, 0]) < 0.3 * std_k / values[0]
 

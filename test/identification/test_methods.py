@@ -4,25 +4,19 @@ from dataclasses import replace
 import json
 import pickle
 
-from identification_records import (
-    drawn_contact,
-    dynamic_run,
-    observe,
-    record,
-    RIG,
-    staircase,
-    static_run,
-)
+import identification_records
+from identification_records import dynamic_run, observe, record, RIG, staircase, static_run
 import numpy as np
 import pytest
 
+from saddlering_ros import identification
 from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.identification import (
-    IdentificationError,
     IdentificationSettings,
     identify,
     methods,
     SwarmSettings,
+    uncertainty,
 )
 from saddlering_ros.identification.methods import MISFIT_ADVICE
 from saddlering_ros.identification.objective import (
@@ -33,13 +27,7 @@ from saddlering_ros.identification.objective import (
     WeightedObjective,
 )
 from saddlering_ros.identification.result import identification_text
-from saddlering_ros.identification.uncertainty import (
-    assess,
-    joint_axes,
-    joint_outline,
-    MAX_HALF_WIDTH,
-    reason_open,
-)
+from saddlering_ros.identification.uncertainty import assess, joint_axes, reason_open
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
@@ -94,7 +82,7 @@ def test_the_joint_region_of_a_known_covariance_has_its_area_and_holds_95_percen
 def test_the_joint_region_ends_at_the_bounds():
     entry = {'half_axes': [[3.0, 0.3], [0.0, 0.1]],
              'bounds': {'K1': [1e8, 2e8], 'n1': [1.0, 1.15]}}
-    stiffness, exponent = joint_outline(1.3e8, 1.1, entry)
+    stiffness, exponent = uncertainty.joint_outline(1.3e8, 1.1, entry)
     assert (stiffness.min(), stiffness.max()) == pytest.approx((1e8, 2e8))
     assert (exponent.min(), exponent.max()) == pytest.approx((1.0, 1.15))
 
@@ -148,7 +136,7 @@ def test_dynamic_runs_alone_identify_too(four_runs):
 
 def test_any_corner_of_the_box_is_recovered():
     random = np.random.default_rng(11)
-    contact = drawn_contact(random)
+    contact = identification_records.drawn_contact(random)
     runs = [
         record('static', staircase(hold=5.0), elevation=50.0, contact=contact, seed=1),
         dynamic_run(70.0, seconds=4.0, contact=contact, seed=2)]
@@ -311,7 +299,7 @@ def still():
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
     (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1')])
 def test_runs_and_bounds_that_give_no_law_are_refused_in_one_line(runs, settings, said):
-    with pytest.raises(IdentificationError, match=said) as caught:
+    with pytest.raises(identification.IdentificationError, match=said) as caught:
         identify(runs(), RIG, IdentificationSettings(**settings))
     assert '\n' not in str(caught.value)
 
@@ -322,7 +310,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
         return np.full((len(contacts), 3, len(observation.load)), np.nan)
 
     monkeypatch.setattr('saddlering_ros.identification.objective.predict', broken)
-    with pytest.raises(IdentificationError, match='not a number') as caught:
+    with pytest.raises(identification.IdentificationError, match='not a number') as caught:
         identify(four_runs, RIG, IdentificationSettings(method=method))
     assert '\n' not in str(caught.value)
 
@@ -330,7 +318,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
 @pytest.mark.parametrize(
     'wrong', [{'method': 'best'}, {'bounds': {'K3': (1.0, 2.0)}}, {'fit_rate': 0.0}])
 def test_settings_that_mean_nothing_are_refused(wrong):
-    with pytest.raises(IdentificationError):
+    with pytest.raises(identification.IdentificationError):
         IdentificationSettings(**wrong)
 
 
@@ -354,7 +342,7 @@ def test_what_a_probe_at_the_end_of_its_span_reads_is_left_out(four_runs):
 @pytest.mark.parametrize('number', [0, 1])
 def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number):
     run, rig = clipped(four_runs[number], 1.0005e-3)
-    with pytest.raises(IdentificationError, match='limit of their span') as caught:
+    with pytest.raises(identification.IdentificationError, match='limit of their span') as caught:
         identify([run], rig)
     assert '\n' not in str(caught.value)
 
@@ -384,7 +372,7 @@ def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch
 
 
 def test_noise_and_imperfection_together_leave_a_stiffness_of_one_elevation_open():
-    half = MAX_HALF_WIDTH['K']
+    half = uncertainty.MAX_HALF_WIDTH['K']
     worst = (0.9 * half, '5 µm of clearance')
     noise = [0.1 * half] * 3
     assert reason_open('K1', [0.0] * 3, *worst, 1, '') is None

@@ -8,14 +8,9 @@ from identification_records import dynamic_run, ramp, record, RIG, static_run
 import numpy as np
 import pytest
 
-from saddlering_ros.identification import IdentificationError, validate
+from saddlering_ros.identification import IdentificationError, validate, validation
 from saddlering_ros.identification.figures import rate
-from saddlering_ros.identification.validation import (
-    _input_variance,
-    COLUMNS,
-    judge,
-    validation_text,
-)
+from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
 from saddlering_ros.report.reports import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import static_response
@@ -216,7 +211,8 @@ def test_the_uncertainty_of_a_prediction_counts_from_the_zero_of_the_run():
                      for side in (change, -change))
     moved = 0.5 * (higher - lower)
     expected = np.mean((moved[:, :-1] - moved[:, -1:]) ** 2, axis=1)
-    assert _input_variance(RIG, stated, run, zero_load)[:3] == pytest.approx(expected, rel=0.02)
+    found = validation._input_variance(RIG, stated, run, zero_load)
+    assert found[:3] == pytest.approx(expected, rel=0.02)
 
 
 def test_a_test_without_any_rest_has_figures_too():

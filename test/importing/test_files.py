@@ -8,18 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from logger_files import make_record
-from map_documents import (
-    convert,
-    document,
-    LOAD,
-    plain_table,
-    PROBE,
-    readings,
-    refusal,
-    ROWS,
-    stamps,
-    TIME,
-)
+import map_documents
+from map_documents import convert, document, LOAD, plain_table, PROBE, readings, ROWS, stamps, TIME
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -54,8 +44,8 @@ def test_a_delimiter_that_changes_half_way_is_refused_with_its_line(
     text = lines(t=[f'{0.01 * i:.2f}' for i in range(rows)], F=['1'] * rows, w=['1'] * rows)
     text[change:] = [line.replace(';', ',') for line in text[change:]]
     numbered = {**LOAD, 'column': '#2'}, {**PROBE, 'column': '#3'}
-    assert said in refusal(tmp_path, document(*numbered, time={**TIME, 'column': '#1'}),
-                           '\n'.join(text) + '\n')
+    assert said in map_documents.refusal(
+        tmp_path, document(*numbered, time={**TIME, 'column': '#1'}), '\n'.join(text) + '\n')
 
 
 def test_zero_bytes_at_the_end_of_a_file_are_a_row_that_is_left_out(tmp_path: Path) -> None:
@@ -92,7 +82,7 @@ def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path:
 
 def test_two_runs_in_one_file_are_refused_until_the_map_splits_them(tmp_path: Path) -> None:
     twice = [f'{0.01 * (i % 25):.2f}' for i in range(ROWS)]
-    assert 'several runs in one file need split' in refusal(
+    assert 'several runs in one file need split' in map_documents.refusal(
         tmp_path, document(), plain_table(t=twice))
     result = convert(tmp_path, plain_table(t=twice),
                      document(split={'by': 'gap', 'seconds': 0.1,
@@ -233,7 +223,7 @@ def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
         convert(tmp_path, plain_table(), document())
     empty: dict[str, Any] = document(probe={**PROBE, 'column': 'v'}, time=TIME)
     (tmp_path / 'other').mkdir()
-    words = refusal(tmp_path / 'other', empty, plain_table(v=['nan'] * ROWS))
+    words = map_documents.refusal(tmp_path / 'other', empty, plain_table(v=['nan'] * ROWS))
     assert 'eddy_current_1 has no sample' in words
     assert sorted(path.name for path in (tmp_path / 'other').iterdir()) == ['a.csv', 'map.yaml']
 

@@ -7,20 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from logger_files import CHANNELS, map_text
-from map_documents import (
-    cells,
-    convert,
-    document,
-    LOAD,
-    plain_table,
-    PROBE,
-    readings,
-    refusal,
-    ROWS,
-    stamps,
-    TEST,
-    TIME,
-)
+import map_documents
+from map_documents import cells, convert, document, LOAD, plain_table, PROBE, readings, ROWS, TIME
 import numpy as np
 import pytest
 
@@ -95,7 +83,7 @@ EIGHT = 1_795_161_600_000_000_000
 def test_every_way_to_state_the_time_gives_the_same_stamps(
         tmp_path: Path, time: dict[str, Any], columns: dict[str, list[str]], first: int) -> None:
     convert(tmp_path, plain_table(**columns), document(time=time))
-    assert np.array_equal(stamps(tmp_path), first + np.arange(ROWS) * 10_000_000)
+    assert np.array_equal(map_documents.stamps(tmp_path), first + np.arange(ROWS) * 10_000_000)
 
 
 @pytest.mark.parametrize(('map_', 'words'), [
@@ -120,7 +108,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
     (document(time={'column': 't', 'unit': 'kN'}), 'give a unit of time'),
     (document(test={'test': 'dynamic'}), 'test.elevation_deg is missing in the map'),
     (document(test={'test': 'fast', 'elevation_deg': 5}), "test is 'fast': give static or dyn"),
-    (document(test={**TEST, 'elevatoin': 5}), 'did you mean elevation_deg?'),
+    (document(test={**map_documents.TEST, 'elevatoin': 5}), 'did you mean elevation_deg?'),
     (document(split={'by': 'gaps'}), 'give column or gap'),
     (document(csv={'first_line': 'two'}), "csv.first_line is 'two': give a number"),
     ({'time': TIME}, 'channels: is missing'),
@@ -128,7 +116,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
 ])
 def test_a_map_that_leaves_something_open_is_refused(
         tmp_path: Path, map_: Any, words: str) -> None:
-    assert words in refusal(tmp_path, map_)
+    assert words in map_documents.refusal(tmp_path, map_)
 
 
 def test_the_rig_gives_the_range_of_its_probes_and_its_hash(tmp_path: Path) -> None:
@@ -156,4 +144,4 @@ def test_a_radial_probe_that_the_rig_lacks_is_stated_in_the_map(tmp_path: Path) 
     with pytest.raises(BagError, match=r'rig\.probes\.absent: 3'):
         read_raw(tmp_path / 'bag')
     map_['channels']['eddy_current_1'] = 'absent'
-    assert 'are both absent, and delta_x needs one' in refusal(tmp_path, map_)
+    assert 'are both absent, and delta_x needs one' in map_documents.refusal(tmp_path, map_)

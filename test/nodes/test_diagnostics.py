@@ -26,15 +26,8 @@ from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.rig.drawing import dotted, entry_values
-from saddlering_ros.ros.diagnostics import (
-    ERROR,
-    Events,
-    Namesakes,
-    OK,
-    SaturationTask,
-    StreamTask,
-    WARN,
-)
+from saddlering_ros.ros import diagnostics
+from saddlering_ros.ros.diagnostics import ERROR, Events, Namesakes, OK, StreamTask, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import rig_words
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -67,7 +60,7 @@ def test_the_next_test_at_another_rate_has_no_gaps() -> None:
 
 
 def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
-    task = SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
+    task = diagnostics.SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
     task.push(np.array([1e-3, np.nan, np.inf]))
     assert task.report(1.0).level == OK
 

@@ -14,17 +14,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.wire import (
-    _layout,
-    CdrError,
-    decode_displacements,
-    decode_samples,
-    DISPLACEMENT_TYPE,
-    encode_displacements,
-    encode_samples,
-    FEW,
-    LAYOUTS,
-)
+from saddlering_ros.bags import wire
+from saddlering_ros.bags.wire import decode_displacements, decode_samples, encode_samples, FEW
 from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
@@ -67,7 +58,7 @@ def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
 def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
     batch = Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES,
                           np.array([0.5, -0.1, 1.0]), np.array([0, 3, 16], np.uint8))
-    messages = encode_displacements(batch, frame)
+    messages = wire.encode_displacements(batch, frame)
     for index, raw in enumerate(messages):
         message = deserialize_message(raw, RingDisplacement)
         assert message.header.frame_id == frame
@@ -90,8 +81,9 @@ def test_few_messages_are_read_and_written_as_many_are() -> None:
     values = np.random.default_rng(0).normal(size=(6, count))
     batch = Displacements(STAMPS[0] + np.arange(count), values[:4], STAMPS[1] + np.arange(count),
                           values[4], values[5], np.arange(count, dtype=np.uint8))
-    many = encode_displacements(batch, 'ring')
-    few = [encode_displacements(batch.pick(np.array([row])), 'ring')[0] for row in range(count)]
+    many = wire.encode_displacements(batch, 'ring')
+    few = [wire.encode_displacements(batch.pick(np.array([row])), 'ring')[0]
+           for row in range(count)]
     assert many == few
     swapped = [swap(message) for message in many]
     for messages in (many, swapped):
@@ -113,8 +105,9 @@ def test_few_messages_are_read_and_written_as_many_are() -> None:
 
 def swap(message: bytes) -> bytes:
     """A displacement in the frame `ring`, in the other byte order."""
-    names = tuple(name for name, _ in LAYOUTS[DISPLACEMENT_TYPE])
-    layout, other = (_layout(DISPLACEMENT_TYPE, order, len('ring') + 1, names) for order in (1, 0))
+    names = tuple(name for name, _ in wire.LAYOUTS[wire.DISPLACEMENT_TYPE])
+    layout, other = (wire._layout(wire.DISPLACEMENT_TYPE, order, len('ring') + 1, names)
+                     for order in (1, 0))
     found = np.frombuffer(message, layout)[0]
     raw = bytearray(message)
     turned = np.ndarray((1,), other, raw)
@@ -141,7 +134,7 @@ def test_messages_of_different_frames_are_read_in_their_order() -> None:
                                  b'\x00\x02\x00\x00' + bytes(60),
                                  b'\x00\x01\x00\x00' + bytes(4) + b'\xff' * 4 + bytes(60)])
 def test_bytes_of_something_else_are_refused(raw: bytes) -> None:
-    with pytest.raises(CdrError):
+    with pytest.raises(wire.CdrError):
         decode_samples([raw], LOAD)
 
 

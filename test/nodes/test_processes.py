@@ -18,14 +18,8 @@ from rcl_interfaces.srv import SetParameters
 from rosnet import Client, wait_until
 
 from saddlering_ros.files import share_directory
-from saddlering_ros.ros.launcher import (
-    NodeGroup,
-    NodeProcess,
-    PROFILE_VARIABLES,
-    ros_arguments,
-    start_nodes,
-    sweep,
-)
+from saddlering_ros.ros import launcher
+from saddlering_ros.ros.launcher import NodeGroup, NodeProcess, ros_arguments, start_nodes, sweep
 from saddlering_ros.ros.names import ACTION, ALARM, names, RING
 
 pytestmark = pytest.mark.ros
@@ -82,7 +76,7 @@ def test_every_node_starts_as_a_program_and_ends_with_status_0_at_a_signal(
         for name in names(ACTION):
             wait_until(lambda name=name: 'serves' in group.processes[name].said(), 80.0)
         for node in group.processes.values():
-            assert environment_of(node)[PROFILE_VARIABLES[0]].endswith('fastdds.xml')
+            assert environment_of(node)[launcher.PROFILE_VARIABLES[0]].endswith('fastdds.xml')
             assert 'XMLPARSER' not in node.said()
         for number, node in enumerate(group.processes.values()):
             os.kill(node.process.pid, (signal.SIGINT, signal.SIGTERM)[number % 2])

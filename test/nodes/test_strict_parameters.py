@@ -19,16 +19,10 @@ import yaml
 from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_residual import RingResidualNode
 from saddlering_ros.rig import load_rig, RigError
+from saddlering_ros.ros import parameters
 from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import (
-    declare,
-    declare_rig,
-    given_sections,
-    NodeParameter,
-    refuse_undeclared,
-    strict_arguments,
-)
+from saddlering_ros.ros.parameters import declare, declare_rig, NodeParameter, strict_arguments
 from saddlering_ros.ros.streaming_node import run_streaming
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
@@ -172,7 +166,7 @@ def test_a_rig_file_reaches_a_node_with_its_certificates_and_limits_of_wear(
         monkeypatch.setenv('SADDLERING_RIG', str(file))
     with node_with(*ros_arguments(files=[] if is_project else [file])) as node:
         assert declare_rig(node) == load_rig(file)
-        refuse_undeclared(node)
+        parameters.refuse_undeclared(node)
 
 
 CERTIFICATE = """<digitalCalibrationCertificate><quantity id="sensitivity"><real>
@@ -194,7 +188,7 @@ def test_a_node_finds_certificates_beside_its_rig_file_as_a_command_does(
     with node_with(*strict_arguments(ros_arguments(files=[file]))) as node:
         assert declare_rig(node) == load_rig(file)
         assert load_rig(file).instruments.probe_gain == (0.001, 0.002, 0.003, 0.001)
-        refuse_undeclared(node)
+        parameters.refuse_undeclared(node)
 
 
 def test_a_certificate_that_is_not_there_is_refused_with_its_place(tmp_path: Path) -> None:
@@ -271,7 +265,7 @@ def test_numbers_that_a_launch_file_wrote_as_texts_are_numbers(tmp_path: Path) -
     with node_with('--ros-args', '--params-file', str(file)) as node:
         assert declare(node, CHANGEABLE)['window'] == 1e-6
         assert declare_rig(node).preload == 1e4
-        assert given_sections(node, ('contact', 'source')) == {
+        assert parameters.given_sections(node, ('contact', 'source')) == {
             'contact': {'K1': 1e8}, 'source': {'bags': ['20250101']}}
 
 

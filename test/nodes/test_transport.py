@@ -13,13 +13,8 @@ import pytest
 from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.launcher import (
-    NodeGroup,
-    PACKED,
-    PROFILE_VARIABLES,
-    PUBLICATION_VARIABLE,
-    transport_environment,
-)
+from saddlering_ros.ros import launcher
+from saddlering_ros.ros.launcher import NodeGroup, PACKED, PROFILE_VARIABLES, transport_environment
 
 BURST = 3000
 """Messages that do not fit into the receive buffer of a socket (208 kB); the rest is dropped."""
@@ -127,14 +122,14 @@ def test_a_plain_node_without_the_profile_is_heard_and_hears(
 
 def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (*PROFILE_VARIABLES, PUBLICATION_VARIABLE):
+    for name in (*PROFILE_VARIABLES, launcher.PUBLICATION_VARIABLE):
         monkeypatch.delenv(name, raising=False)
-    assert transport_environment()[PUBLICATION_VARIABLE] == 'SYNCHRONOUS'
-    assert transport_environment(PACKED)[PUBLICATION_VARIABLE] == 'ASYNCHRONOUS'
+    assert transport_environment()[launcher.PUBLICATION_VARIABLE] == 'SYNCHRONOUS'
+    assert transport_environment(PACKED)[launcher.PUBLICATION_VARIABLE] == 'ASYNCHRONOUS'
     for users in ('SYNCHRONOUS', 'ASYNCHRONOUS'):
-        monkeypatch.setenv(PUBLICATION_VARIABLE, users)
-        assert transport_environment()[PUBLICATION_VARIABLE] == users
-        assert transport_environment(PACKED)[PUBLICATION_VARIABLE] == users
+        monkeypatch.setenv(launcher.PUBLICATION_VARIABLE, users)
+        assert transport_environment()[launcher.PUBLICATION_VARIABLE] == users
+        assert transport_environment(PACKED)[launcher.PUBLICATION_VARIABLE] == users
     path = transport_environment()[PROFILE_VARIABLES[0]]
     space = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
     root = xml.etree.ElementTree.parse(path)

@@ -8,20 +8,13 @@ import math
 from builtin_interfaces.msg import Time
 import pytest
 
+from saddlering_interfaces import msg
 from saddlering_interfaces.action import DiagnoseRing
-from saddlering_interfaces.msg import (
-    DiagnosisHeldOut,
-    DiagnosisInfluence,
-    DiagnosisRefit,
-    DiagnosisRemainder,
-)
+from saddlering_interfaces.msg import DiagnosisHeldOut, DiagnosisInfluence, DiagnosisRefit
 from saddlering_ros.discrepancy.verdict.results import HeldOutEvidence, Influence, Refit, Remainder
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE
-from saddlering_ros.ros.messages import (
-    fill_diagnosis,
-    parameters_from_message,
-    parameters_to_message,
-)
+from saddlering_ros.ros import messages
+from saddlering_ros.ros.messages import fill_diagnosis, parameters_to_message
 
 DOCUMENT = {'causes': [
     {'effect': 'radial_friction', 'group': ['radial_friction', 'probe_lag'],
@@ -78,7 +71,7 @@ def test_the_verdict_document_fills_every_typed_field() -> None:
 
 @pytest.mark.parametrize(('message', 'entry'), [
     (DiagnosisHeldOut, HeldOutEvidence), (DiagnosisInfluence, Influence),
-    (DiagnosisRefit, Refit), (DiagnosisRemainder, Remainder)])
+    (DiagnosisRefit, Refit), (msg.DiagnosisRemainder, Remainder)])
 def test_a_message_has_every_field_of_its_entry(message: type, entry: type) -> None:
     assert set(message.get_fields_and_field_types()) == {one.name for one in fields(entry)}
 
@@ -93,4 +86,4 @@ def test_an_undetermined_parameter_stays_one_through_its_message() -> None:
     source = ParameterSource('swarm', ('a',), undetermined={'D1': 'too few steps'})
     message = parameters_to_message(ParameterSet(TRUE_TO_SCALE, source=source), Time())
     assert list(message.determined) == [True, True, False, True, True, True]
-    assert set(parameters_from_message(message).source.undetermined) == {'D1'}
+    assert set(messages.parameters_from_message(message).source.undetermined) == {'D1'}

@@ -13,13 +13,8 @@ import pytest
 import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
-from saddlering_ros.diagnosis.ring_wording import (
-    document_text,
-    gain_sentence,
-    headline,
-    lowered_titles,
-    tried,
-)
+from saddlering_ros.diagnosis import ring_wording
+from saddlering_ros.diagnosis.ring_wording import document_text, gain_sentence, headline, tried
 from saddlering_ros.discrepancy import wording
 from saddlering_ros.discrepancy.verdict.wording import change_words, remaining_words
 from saddlering_ros.files import write_csv
@@ -419,7 +414,7 @@ def test_certainty_is_shown_as_pictures():
     assert set(pictures_of(certainty(said))) == {
         'probabilities', 'refits', 'influence', 'remainder'}
     assert any('static_50, gamma, along time: 3.0 µrad rms, 1.0 % of range, 4 × noise' in line
-               for line in wording.certainty_lines(said, lowered_titles))
+               for line in wording.certainty_lines(said, ring_wording.lowered_titles))
     assert certainty(document(probabilities={})) == ''
 
 

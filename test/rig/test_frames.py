@@ -9,15 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from saddlering_ros.record.topics import LOAD, PROBES
-from saddlering_ros.rig import default_rig
-from saddlering_ros.rig.geometry import (
-    displaced_frame,
-    Displacement,
-    displacement_to_probes,
-    Frame,
-    frames_of,
-    resolve_load,
-)
+from saddlering_ros.rig import default_rig, geometry
+from saddlering_ros.rig.geometry import Displacement, Frame, frames_of, resolve_load
 
 RIG = replace(default_rig(), probes=replace(
     default_rig().probes, radial_height=0.05, polarity=(1.0, -1.0, -1.0, 1.0)))
@@ -42,7 +35,7 @@ def test_the_ring_points_to_the_rear_and_up_in_the_axes_of_rep_103() -> None:
 @pytest.mark.parametrize('motion', [(1e-5, 0.0, 0.0), (0.0, 1e-5, 0.0), (0.0, 0.0, 1e-5)])
 def test_a_probe_sees_its_gap_grow_by_the_motion_along_its_line_of_sight(motion) -> None:
     dx, dy, gamma = motion
-    gaps = np.array(RIG.probes.polarity) * displacement_to_probes(
+    gaps = np.array(RIG.probes.polarity) * geometry.displacement_to_probes(
         RIG.probes, Displacement(dx, dy, gamma, 0.0))
     for number, gap in enumerate(gaps, 1):
         frame = FRAMES[f'eddy_current_{number}']
@@ -53,7 +46,7 @@ def test_a_probe_sees_its_gap_grow_by_the_motion_along_its_line_of_sight(motion)
 
 def test_the_frame_of_the_displaced_ring_moves_with_its_points() -> None:
     dx, dy, gamma = 3e-4, -2e-4, 1e-4
-    frame, point = displaced_frame(dx, dy, gamma), np.array([0.7, 0.4, 0.0])
+    frame, point = geometry.displaced_frame(dx, dy, gamma), np.array([0.7, 0.4, 0.0])
     moved = np.array([dx + gamma * point[1], dy - gamma * point[0], 0.0])
     np.testing.assert_allclose(
         axes_of(frame) @ point + frame.translation, point + moved, atol=1e-8)  # gamma^2 / 2

@@ -9,18 +9,12 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from saddlering_ros.rig import (
-    default_rig,
-    Displacement,
-    FULL_SCALE_LOAD,
-    probes_to_displacement,
-    TONNE,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros import rig
+from saddlering_ros.rig import Displacement, probes_to_displacement, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import displacement_to_probes, gap_increment, resolve_load
 from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
 
-RIG = default_rig()
+RIG = rig.default_rig()
 RAISED = replace(RIG.probes, radial_height=0.12)
 
 
@@ -40,14 +34,14 @@ def test_an_upright_barrel_pushes_down_only_and_tilts_the_rear_down_by_the_trunn
 
 def test_the_moment_is_that_of_the_force_about_the_reference_point() -> None:
     for degrees in (0.0, 33.0, 50.0, 70.0, 90.0):
-        resolved = resolve_load(RIG, FULL_SCALE_LOAD, np.deg2rad(degrees))
+        resolved = resolve_load(RIG, rig.FULL_SCALE_LOAD, np.deg2rad(degrees))
         # Positive with the rear going down, so it is minus the right-handed moment x F_y - y F_x.
         arm = RIG.trunnion.y * resolved.force_x - RIG.trunnion.x * resolved.force_y
         assert resolved.moment == pytest.approx(arm, rel=1e-12)
 
 
 def test_loads_of_a_whole_record_are_resolved_at_once() -> None:
-    load = np.linspace(0.0, FULL_SCALE_LOAD, 7)
+    load = np.linspace(0.0, rig.FULL_SCALE_LOAD, 7)
     whole = resolve_load(RIG, load, 0.9)
     assert whole.moment == pytest.approx([resolve_load(RIG, p, 0.9).moment for p in load])
 

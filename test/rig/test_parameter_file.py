@@ -10,26 +10,19 @@ import numpy as np
 import pytest
 import yaml
 
-from saddlering_ros.rig import (
-    ContactParameters,
-    ParameterSet,
-    ParameterSource,
-    read_parameters,
-    RigError,
-    TRUE_TO_SCALE,
-    write_parameters,
-)
+from saddlering_ros import rig
+from saddlering_ros.rig import ParameterSet, RigError, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.rig.parameter_file import parameters_from_mapping, parameters_to_mapping
 
 FULL = ParameterSet(
     TRUE_TO_SCALE, {'radial_friction': {'force': 1.5e3, 'presliding': 2e-6}},
-    ParameterSource('swarm', ('bags/static_50', 'bags/dynamic_50'), 1.25e-3,
-                    np.arange(36.0).reshape(6, 6) * 1e-7, 'made for a test'))
+    rig.ParameterSource('swarm', ('bags/static_50', 'bags/dynamic_50'), 1.25e-3,
+                        np.arange(36.0).reshape(6, 6) * 1e-7, 'made for a test'))
 
 
 def test_a_parameter_set_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
     write_parameters(tmp_path / 'p.yaml', FULL)
-    back = read_parameters(tmp_path / 'p.yaml')
+    back = rig.read_parameters(tmp_path / 'p.yaml')
     assert back.contact == FULL.contact
     assert back.effects == FULL.effects
     assert np.array_equal(back.source.covariance, FULL.source.covariance)
@@ -45,7 +38,7 @@ exponent = st.floats(0.5, 5.0)
                  positive, exponent, st.floats(0.0, 1e300)))
 def test_every_contact_law_survives_writing_and_reading(
         values: tuple[float, ...]) -> None:
-    law = ContactParameters.from_array(values)
+    law = rig.ContactParameters.from_array(values)
     mapping = parameters_to_mapping(ParameterSet(law))['contact']
     assert parameters_from_mapping({'contact': mapping}, 'p').contact == law
 
@@ -64,7 +57,7 @@ def test_stiffness_stands_beside_in_the_unit_that_adams_users_know(tmp_path: Pat
 
 
 def test_a_covariance_with_a_nan_is_left_out_rather_than_written() -> None:
-    source = ParameterSource(covariance=np.full((6, 6), np.nan))
+    source = rig.ParameterSource(covariance=np.full((6, 6), np.nan))
     mapping = parameters_to_mapping(ParameterSet(TRUE_TO_SCALE, {}, source))
     assert 'covariance' not in mapping['source']
 
@@ -87,7 +80,7 @@ def test_a_fault_is_told_in_one_line_with_file_and_entry(
     path = tmp_path / 'p.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    {body}\n', encoding='utf-8')
     with pytest.raises(RigError) as caught:
-        read_parameters(path)
+        rig.read_parameters(path)
     message = str(caught.value)
     assert words in message
     assert str(path) in message
@@ -97,7 +90,7 @@ def test_a_fault_is_told_in_one_line_with_file_and_entry(
 
 def test_contact_parameters_need_six_numbers() -> None:
     with pytest.raises(RigError, match='six numbers'):
-        ContactParameters.from_array([1.0, 2.0])
+        rig.ContactParameters.from_array([1.0, 2.0])
 
 
 def test_a_place_that_is_no_folder_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -108,12 +101,12 @@ def test_a_place_that_is_no_folder_is_refused_in_one_line(tmp_path: Path) -> Non
 
 def test_a_hash_that_begins_like_a_binary_number_is_read_again(tmp_path):
     digest = '0b7772d5c8359d7e6fa4f89b173757c7dd88c68592bced24c42b124620ee154d'
-    source = ParameterSource(method='given', bags=('a',), sha256=(digest,))
+    source = rig.ParameterSource(method='given', bags=('a',), sha256=(digest,))
     write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE, {}, source))
-    assert read_parameters(tmp_path / 'p.yaml').source.sha256 == (digest,)
+    assert rig.read_parameters(tmp_path / 'p.yaml').source.sha256 == (digest,)
 
 
 def test_names_of_digits_come_back_from_a_file_as_they_were(tmp_path: Path) -> None:
-    source = ParameterSource('diagnose', ('20250101', '1e5'), note='7')
+    source = rig.ParameterSource('diagnose', ('20250101', '1e5'), note='7')
     write_parameters(tmp_path / 'found.yaml', ParameterSet(TRUE_TO_SCALE, {}, source))
-    assert read_parameters(tmp_path / 'found.yaml').source == source
+    assert rig.read_parameters(tmp_path / 'found.yaml').source == source

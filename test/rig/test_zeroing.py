@@ -7,15 +7,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from saddlering_ros.rig import default_rig, TONNE
-from saddlering_ros.rig.geometry import (
-    MIN_SAMPLES,
-    MIN_WINDOW_SECONDS,
-    WINDOW_SECONDS,
-    zero_of_blocks,
-    zero_of_record,
-    ZeroWindow,
-)
+from saddlering_ros.rig import default_rig, geometry, TONNE
+from saddlering_ros.rig.geometry import MIN_SAMPLES, zero_of_blocks, zero_of_record, ZeroWindow
 
 RIG = default_rig()
 
@@ -85,7 +78,7 @@ def test_a_load_that_passes_through_the_preload_is_no_rest() -> None:
 
 def test_every_window_ends_after_the_shortest_that_counts() -> None:
     """Otherwise no window would count, and a live node would wait for ever."""
-    assert MIN_WINDOW_SECONDS < WINDOW_SECONDS
+    assert geometry.MIN_WINDOW_SECONDS < geometry.WINDOW_SECONDS
 
 
 def test_a_few_samples_before_a_gap_of_the_stream_are_no_rest() -> None:

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 import readable_ring as reference
 
+from saddlering_ros import rig
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect
 from saddlering_ros.effects.base import Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.rig import (
-    ContactParameters,
-    default_rig,
-    FULL_SCALE_LOAD,
-    PARAMETER_NAMES,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import ContactParameters, default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.ring import probe_batch, static_batch
 from saddlering_ros.ring.kernels import integration
 from saddlering_ros.ring.sensitivity import FollowedMotion, Neighbourhoods, static_sensitivities
@@ -35,7 +30,7 @@ def swell(time: np.ndarray, share: float) -> np.ndarray:
 
 SLOW = STEP * np.arange(150)
 SLOW_LOAD = swell(SLOW, 0.1)
-EACH = pytest.mark.parametrize('index', range(6), ids=PARAMETER_NAMES)
+EACH = pytest.mark.parametrize('index', range(6), ids=rig.PARAMETER_NAMES)
 
 
 def aside(index: int, share: float) -> list[ContactParameters]:

@@ -7,6 +7,7 @@ from pushed import pushed
 import pytest
 import readable_ring as reference
 
+from saddlering_ros import ring
 from saddlering_ros.effects import catalogue, NO_EXTENSION
 from saddlering_ros.rig import (
     ContactParameters,
@@ -17,14 +18,7 @@ from saddlering_ros.rig import (
     TONNE,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import (
-    dynamic_batch,
-    probe_batch,
-    RingSimulator,
-    simulate,
-    SimulationError,
-    static_batch,
-)
+from saddlering_ros.ring import dynamic_batch, probe_batch, simulate, SimulationError, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion
 
 RIG = default_rig()
@@ -91,7 +85,7 @@ def test_pushing_batches_of_any_size_gives_the_whole_records_numbers_to_the_last
         parameters = ParameterSet(TRUE_TO_SCALE, chosen)
         whole = simulate(RIG, parameters, np.deg2rad(50.0), time, load)
         for sizes in ((1,), (7, 1, 300, 90)):
-            live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
+            live = ring.RingSimulator(RIG, parameters, np.deg2rad(50.0))
             times, probes = pushed(live, time, load, sizes)
             assert np.array_equal(times, whole.time)
             assert np.array_equal(probes, whole.probes)
@@ -100,7 +94,7 @@ def test_pushing_batches_of_any_size_gives_the_whole_records_numbers_to_the_last
 def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
     time, load = dynamic_record()
     parameters = ParameterSet(TRUE_TO_SCALE, {'clock_offset': {'offset': -0.0125}})
-    live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
+    live = ring.RingSimulator(RIG, parameters, np.deg2rad(50.0))
     times, probes = pushed(live, time, load)
     assert times[-1] == pytest.approx(time[-1] - 0.0125, abs=2e-3)
     plain = simulate(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0), time, load)
@@ -110,7 +104,7 @@ def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
 
 def test_reset_forgets_the_past_completely() -> None:
     time, load = dynamic_record(0.8)
-    simulator = RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
+    simulator = ring.RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
     _, first = pushed(simulator, time, load)
     simulator.reset()
     _, again = pushed(simulator, time, load)
@@ -207,7 +201,7 @@ def test_a_batch_is_refused_where_an_argument_is_no_finite_number(
 @pytest.mark.parametrize('step', [0.0, -1e-3])
 def test_a_step_that_does_not_move_time_on_is_refused(step: float) -> None:
     with pytest.raises(SimulationError, match='longest step is'):
-        RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=step)
+        ring.RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=step)
 
 
 @pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])

@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.effects import request
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig.experiment import Instruments, PhysicalRig, record_test, TestPlan
 from saddlering_ros.virtual_rig.integrator import Scatter
 
 IDEAL = Instruments(noise=0.0, load_noise=0.0, jitter=0.0, gap_scatter=0.0, quantised=False)
@@ -29,9 +23,9 @@ def ideal_record(effect=None, form=None, test='dynamic', elevation=60.0):
     rig = default_rig()
     physical = PhysicalRig(rig, TRUE_TO_SCALE, math.radians(elevation), effects, EQUAL)
     if test == 'static':
-        schedule = static_schedule(rig, hold=1.0, step=5.0 * TONNE)
+        schedule = experiment.static_schedule(rig, hold=1.0, step=5.0 * TONNE)
     else:
-        schedule = dynamic_schedule(rig, duration=3.0)
+        schedule = experiment.dynamic_schedule(rig, duration=3.0)
     return record_test(TestPlan(physical, schedule, seed=5, instruments=IDEAL, rate=100.0,
                                 probe_rate=500.0, step=4e-3))
 

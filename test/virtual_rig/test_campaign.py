@@ -11,19 +11,8 @@ import numpy as np
 import pytest
 import zstandard
 
-from benchmarks.examiner import (
-    CLEAN,
-    draw_truth,
-    DrawSettings,
-    KINDS,
-    open_seal,
-    OUTSIDE,
-    PAIR,
-    RecordSettings,
-    SEALED,
-    SINGLE,
-    write_campaign,
-)
+from benchmarks import examiner
+from benchmarks.examiner import CLEAN, draw_truth, KINDS, open_seal, OUTSIDE, PAIR, SEALED, SINGLE
 from saddlering_ros.bags import read_run
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.virtual_rig.effects import EFFECTS
@@ -101,7 +90,7 @@ def test_draws_reach_every_effect_and_form():
 
 
 def test_sizes_stay_in_the_part_of_the_range_asked_for():
-    settings = DrawSettings(effects=('radial_friction',), sizes=(0.9, 1.0))
+    settings = examiner.DrawSettings(effects=('radial_friction',), sizes=(0.9, 1.0))
     main = EFFECTS['radial_friction'].parameters[0]
     for seed in range(20):
         size = draw_truth(seed, SINGLE, settings).effects[0].values['force']
@@ -110,8 +99,8 @@ def test_sizes_stay_in_the_part_of_the_range_asked_for():
 
 def test_all_runs_of_a_campaign_are_of_one_rig(tmp_path):
     truth = draw_truth(4, CLEAN)
-    record = RecordSettings(duration=2.5, dynamic_rate=100.0)
-    one, other = write_campaign(truth, tmp_path, ['dynamic_50', 'dynamic_70'], record)
+    record = examiner.RecordSettings(duration=2.5, dynamic_rate=100.0)
+    one, other = examiner.write_campaign(truth, tmp_path, ['dynamic_50', 'dynamic_70'], record)
     first, second = read_run(one), read_run(other)
     assert np.degrees([first.elevation, second.elevation]) == pytest.approx([50.0, 70.0])
     assert first.rig == second.rig

@@ -10,19 +10,13 @@ from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-    write_record,
-)
+from saddlering_ros.virtual_rig import experiment
+from saddlering_ros.virtual_rig.experiment import dynamic_schedule, record_test, static_schedule
 
 RIG = default_rig()
-PHYSICAL = PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(50.0))
-SHORT = TestPlan(PHYSICAL, dynamic_schedule(RIG, duration=3.0), seed=8, rate=200.0, step=4e-3)
+PHYSICAL = experiment.PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(50.0))
+SHORT = experiment.TestPlan(
+    PHYSICAL, dynamic_schedule(RIG, duration=3.0), seed=8, rate=200.0, step=4e-3)
 
 
 @pytest.fixture(name='short', scope='module')
@@ -41,14 +35,15 @@ def residual_noise(record):
 
 @pytest.mark.parametrize('noise', [0.1e-6, 0.3e-6, 1e-6])
 def test_noise_is_as_strong_as_asked(noise):
-    instruments = Instruments(noise=noise, slow_time=0.2)
+    instruments = experiment.Instruments(noise=noise, slow_time=0.2)
     record = record_test(replace(SHORT, instruments=instruments, rate=1000.0))
     for left in residual_noise(record):
         assert np.std(left) == pytest.approx(noise, rel=0.15)
 
 
 def test_a_part_of_the_noise_is_slow():
-    record = record_test(replace(SHORT, instruments=Instruments(slow_share=0.9, slow_time=0.3)))
+    instruments = experiment.Instruments(slow_share=0.9, slow_time=0.3)
+    record = record_test(replace(SHORT, instruments=instruments))
     for left in residual_noise(record):
         assert np.mean(left[1:] * left[:-1]) > 0.5 * np.var(left)
 
@@ -95,7 +90,7 @@ def test_probes_may_run_at_a_rate_of_their_own():
 
 
 def test_a_bag_holds_what_was_recorded_and_its_log_times_differ_from_its_stamps(short, tmp_path):
-    path = write_record(tmp_path / 'run', short, RIG)
+    path = experiment.write_record(tmp_path / 'run', short, RIG)
     run = read_run(path)
     assert (run.test, run.elevation) == ('dynamic', pytest.approx(math.radians(50.0)))
     assert np.array_equal(run.load, short.load)
@@ -110,8 +105,8 @@ def test_a_bag_holds_what_was_recorded_and_its_log_times_differ_from_its_stamps(
 
 def test_a_static_run_has_fifty_one_plateaus(tmp_path):
     schedule = static_schedule(RIG, hold=2.0)
-    record = record_test(TestPlan(PHYSICAL, schedule, seed=1, rate=25.0, step=0.02))
-    found = plateaus(read_run(write_record(tmp_path / 'static', record, RIG)))
+    record = record_test(experiment.TestPlan(PHYSICAL, schedule, seed=1, rate=25.0, step=0.02))
+    found = plateaus(read_run(experiment.write_record(tmp_path / 'static', record, RIG)))
     assert len(found) == 51
     assert found.load.max() == pytest.approx(FULL_SCALE_LOAD, abs=500.0)
     assert np.median(np.diff(found.load[1:25])) == pytest.approx(TONNE, rel=0.02)
