@@ -29,23 +29,16 @@ from rigs import NO_SCATTER, RIG, virtual_run
 from scipy.stats import norm
 from scipy.stats.qmc import LatinHypercube
 
-from saddlering_ros import compare
+from saddlering_ros import compare, rig
 from saddlering_ros.identification import Identification, IdentificationSettings, identify
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import Record
-from saddlering_ros.rig import (
-    ContactParameters,
-    Instruments,
-    PARAMETER_NAMES,
-    Rig,
-    TONNE,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring.roller_scatter import GAP_SCATTER, STIFFNESS_SCATTER
 from saddlering_ros.virtual_rig.effects import request
 from saddlering_ros.virtual_rig.integrator import Scatter
 
-STATED = Instruments(
+STATED = rig.Instruments(
     load_gain=1e-3, load_offset=30.0, load_nonlinearity=3e-4, elevation=2e-4,
     probe_gain=(1e-3,) * 4, clearance=1e-6, weight=2e-3, trunnion=5e-4, axial_span=3e-4,
     radial_height=3e-4)

@@ -29,16 +29,8 @@ from blind import without
 from frame import arguments, keep
 from independent import draw_ring, RIG, verdict_on
 from independent_faults import fault_of, Hidden, slider_state
-from independent_ring import (
-    Array,
-    Fault,
-    increments,
-    Motion,
-    Ring,
-    simulate,
-    Sliders,
-    usual_courses,
-)
+import independent_ring
+from independent_ring import Array, Fault, Motion, Ring, simulate, Sliders, usual_courses
 import numpy as np
 from real_faults import answer_of, misfit, say, table
 
@@ -144,7 +136,7 @@ def motion_of(ring: Ring, fault: Fault) -> list[Array]:
     views = []
     for course in COARSE:
         motion = simulate(ring, fault, course.degrees, *course.samples(), RIG)
-        view = VIEWS @ increments(motion, fault).T
+        view = VIEWS @ independent_ring.increments(motion, fault).T
         views.append(view - view.mean(axis=1, keepdims=True))
     return views
 

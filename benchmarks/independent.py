@@ -28,17 +28,8 @@ from blind import size_over_limit, without
 from examiner import score
 from frame import arguments, keep, kept_rows, share
 from independent_faults import EFFECTS, fault_of, OUTSIDE
-from independent_ring import (
-    Course,
-    Fault,
-    Noise,
-    other_courses,
-    Record,
-    record,
-    Ring,
-    Sliders,
-    usual_courses,
-)
+import independent_ring
+from independent_ring import Course, Fault, Noise, Record, record, Ring, Sliders, usual_courses
 import numpy as np
 from rigs import RIG
 
@@ -209,7 +200,7 @@ def round_trip(faulty: Verdict, ring: Ring, noise: Noise, fault: Fault, seed: in
         return {'round_trip': 'no file'}
     use_folder(folder / 'effects')
     try:
-        fresh = verdict_on(ring, noise, fault, other_courses(RIG), seed + 500_000,
+        fresh = verdict_on(ring, noise, fault, independent_ring.other_courses(RIG), seed + 500_000,
                            folder / 'fresh')
     finally:
         os.environ.pop(FOLDER_VARIABLE, None)

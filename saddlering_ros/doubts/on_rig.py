@@ -19,13 +19,8 @@ from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import complete_rows, count_where, extremes
 from saddlering_ros.record.topics import PROBE_TOPICS
-from saddlering_ros.rig import Rig, short_digest, TRUE_TO_SCALE
-from saddlering_ros.rig.geometry import (
-    gap_increment,
-    measured_displacement,
-    MIN_SAMPLES,
-    zero_of_record,
-)
+from saddlering_ros.rig import geometry, Rig, short_digest, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import gap_increment, MIN_SAMPLES, zero_of_record
 
 FORCE_UNITS = {
     'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216, 'kN': 1e3, 't': 9806.65}
@@ -357,7 +352,7 @@ def _measured_elevations(rig: Rig, run: Record) -> Floats:
     load, gaps = complete_rows(run.load[step], run.gaps[:, step])
     if not len(load):
         return np.empty(0)
-    moved = measured_displacement(rig.probes, gap_increment(rig.probes, gaps, gaps[:, 0]))
+    moved = geometry.measured_displacement(rig.probes, gap_increment(rig.probes, gaps, gaps[:, 0]))
     return _apparent_elevations(rig, load, np.asarray(moved.delta_y), np.asarray(moved.gamma))
 
 
