@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan
+from saddlering_ros.doubts import readings as doubts
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.readings import (
-    absent_topic,
-    check_inclinometer,
-    MIN_SAMPLES,
-    mirrored_topic,
-    run_of_record,
-)
+from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import JITTER_NS
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
@@ -84,7 +79,7 @@ def read_run(
     record = _raw_record(scan(directory, TOPICS, on_progress), tuple(TOPICS), rig)
     facts = usable_facts(record.path, record.facts, test, elevation)
     if elevation is None:
-        check_inclinometer(record, facts)
+        doubts.check_inclinometer(record, facts)
     run = replace(run_of_record(record, facts, rig), sha256=directory.sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:

@@ -18,13 +18,8 @@ import numpy as np
 
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.identification.objective import (
-    BEFORE,
-    changes_by,
-    predict,
-    Refinement,
-    WeightedObjective,
-)
+from saddlering_ros.identification import objective as objectives
+from saddlering_ros.identification.objective import BEFORE, predict, Refinement, WeightedObjective
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import Displacement, PARAMETER_NAMES
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
@@ -221,7 +216,7 @@ def systematic_shifts(
         return {}
     inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
     white = objective.whiten([
-        changes_by(objective.rig, best.contact, one, list(errors.values()))
+        objectives.changes_by(objective.rig, best.contact, one, list(errors.values()))
         for one in objective.observations])
     moved = np.concatenate(white, axis=1) @ inverse.T
     return {name: _spread_over_six(row, space) for name, row in zip(errors, moved, strict=True)}

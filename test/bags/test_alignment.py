@@ -9,17 +9,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from saddlering_ros.record import batches as record_batches
 from saddlering_ros.record.aligner import aligned_record, Aligner
-from saddlering_ros.record.batches import (
-    align,
-    AlignedRows,
-    DEAD_AFTER_NS,
-    gap_limit,
-    gap_mask,
-    LEAP_NS,
-    Samples,
-    seconds_array,
-)
+from saddlering_ros.record.batches import align, AlignedRows, gap_limit, gap_mask, LEAP_NS, Samples
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
@@ -93,7 +85,7 @@ def test_stream_equals_record_bit_for_bit(lists, seed):
 
     rows = rows_of_stream(load_stamps, load, probe_stamps, gaps)
 
-    time = seconds_array(load_stamps, int(load_stamps[0]))
+    time = record_batches.seconds_array(load_stamps, int(load_stamps[0]))
     expected = np.stack([load_stamps, time, load, *aligned])[:, complete].T
     assert numbers(rows) == [(int(stamp), *others) for stamp, others in zip(
         load_stamps[complete].tolist(), expected[:, 1:].tolist(), strict=True)]
@@ -109,7 +101,7 @@ def test_a_record_in_batches_of_any_size_gives_the_rows_of_the_whole(lists, seed
     aligned = np.array([align(load.stamps, one.stamps, one.values) for one in probes])
     assert np.array_equal(gaps, aligned, equal_nan=True)
 
-    aligner, rows = Aligner(dead_after=DEAD_AFTER_NS, max_wait=10**15), []
+    aligner, rows = Aligner(dead_after=record_batches.DEAD_AFTER_NS, max_wait=10**15), []
     ends = np.sort(np.concatenate([load.stamps, *(one.stamps for one in probes)]))[::size]
     for first, last in pairwise([0, *ends.tolist(), 2**62]):
         load_part, *parts = (one.pick((one.stamps > first) & (one.stamps <= last))

@@ -14,14 +14,10 @@ from saddlering_ros import discrepancy
 from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Problem, Settings
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
+from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.ranking import _pair_gains, Score, shortlist, starts_of_each
-from saddlering_ros.discrepancy.search.space import (
-    fit_each,
-    ModelSpace,
-    prepare,
-    refit_full_jacobian,
-)
+from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace, prepare
 
 
 def only_cause(system: System, run: discrepancy.RunBlocks, settings: Settings | None = None,
@@ -117,7 +113,7 @@ def test_a_fit_goes_on_in_another_metric_and_from_its_starts_without_a_new_simul
     begun = space.started(space.base, trials)
     before = space.problem.simulations
     metric = space.metric.with_offsets()
-    (fit,) = refit_full_jacobian(metric, [space.base], rounds=0)
+    (fit,) = spaces.refit_full_jacobian(metric, [space.base], rounds=0)
     white = metric.whiten(fit.prediction - space.problem.measured)
     assert fit.misfit == pytest.approx(white @ white)
     assert all(map(operator.is_, space.started(space.base, trials), begun))

@@ -8,17 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from saddlering_ros.effects import extension as extensions
 from saddlering_ros.effects import own_parameters, OwnParameter
-from saddlering_ros.effects.extension import (
-    Hysteron,
-    MOTION,
-    NO_EXTENSION,
-    READING,
-    RingExtension,
-    ROLLERS,
-    RowGeometry,
-    shared_parameters,
-)
+from saddlering_ros.effects.extension import Hysteron, MOTION, NO_EXTENSION, READING, ROLLERS
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels import integration, layout
 from saddlering_ros.ring.model import MODEL, model_of, rows_of
@@ -36,7 +28,7 @@ BUSY = replace(
     creep_axial=0.1, resonance_frequency=100.0)
 
 
-def motion(extension: RingExtension) -> np.ndarray:
+def motion(extension: extensions.RingExtension) -> np.ndarray:
     """Motion (N, 3) of the rings against each other, before anything is added to it."""
     constants = model_of(RIG, 0.9, TRUE_TO_SCALE.to_array(), extension)
     state, moved = np.zeros(layout.STATE_SIZE), np.empty((TIME.size, 3))
@@ -50,7 +42,7 @@ def motion(extension: RingExtension) -> np.ndarray:
 def changed(value: Any) -> Any:
     if isinstance(value, Hysteron):
         return replace(value, limit=1.3 * value.limit)
-    if isinstance(value, RowGeometry):
+    if isinstance(value, extensions.RowGeometry):
         return replace(value, gap=5e-6)
     if isinstance(value, tuple):
         return tuple(1.3 * one + 1e-4 for one in value)
@@ -62,7 +54,7 @@ def usual() -> np.ndarray:
     return motion(BUSY)
 
 
-@pytest.mark.parametrize('item', shared_parameters(), ids=lambda item: item.name)
+@pytest.mark.parametrize('item', extensions.shared_parameters(), ids=lambda item: item.name)
 def test_a_parameter_moves_the_contacts_if_it_is_declared_to(item: Any,
                                                              usual: np.ndarray) -> None:
     other = motion(replace(BUSY, **{item.name: changed(getattr(BUSY, item.name))}))
@@ -77,7 +69,7 @@ def test_what_acts_on_one_stage_is_taken_out_of_an_extension_alone() -> None:
 
 
 def test_the_model_has_every_parameter_by_the_name_of_its_declaration() -> None:
-    for item in shared_parameters():
+    for item in extensions.shared_parameters():
         name = f'{item.name}_stiffness' if item.metadata['acts_on'] == ROLLERS else item.name
         assert name in (MODEL.names or ())
 

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.estimation.noise import (
-    channel_correlation,
-    measure_noise,
-    noise_alone,
-    noise_by_class,
-    RestSource,
-)
+from saddlering_ros.estimation import noise as noises
+from saddlering_ros.estimation.noise import channel_correlation, measure_noise, RestSource
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import allan_variances_of, RowTotals, running_total
@@ -32,7 +27,7 @@ def rests(parts):
 
 def of_channel(parts):
     """Noise of the one channel of these stretches (n,)."""
-    return noise_alone(parts, STEP)
+    return noises.noise_alone(parts, STEP)
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.5, 0.9])
@@ -65,7 +60,8 @@ def test_what_long_stretches_know_of_the_slow_part_counts_for_short_ones_too():
     slow = segments(np.exp(-STEP / 4.0), count=60, length=500, seed=3, scale=2e-7)
     long = [a + b for a, b in zip(segments(0.0, 60, 500), slow, strict=True)]
     short = segments(0.0, count=1, length=30, seed=5)
-    found = noise_by_class({0: RestSource(rests(long)), 1: RestSource(rests(short))}, 1, 1.5)
+    found = noises.noise_by_class(
+        {0: RestSource(rests(long)), 1: RestSource(rests(short))}, 1, 1.5)
     assert found[1][0].deviation(4.0) == pytest.approx(found[0][0].deviation(4.0), rel=0.2)
     assert found[1][0].deviation(4.0) > 3.0 * of_channel(short).deviation(4.0)
 

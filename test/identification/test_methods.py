@@ -18,14 +18,9 @@ from saddlering_ros.identification import (
     SwarmSettings,
     uncertainty,
 )
+from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.methods import MISFIT_ADVICE
-from saddlering_ros.identification.objective import (
-    average_branches,
-    PaperObjective,
-    predict,
-    stay_at,
-    WeightedObjective,
-)
+from saddlering_ros.identification.objective import average_branches, predict, WeightedObjective
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.uncertainty import assess, joint_axes, reason_open
 from saddlering_ros.record import Record
@@ -189,7 +184,7 @@ def test_the_papers_objective_is_the_normalised_mean_square(four_runs):
     by_hand = sum(
         np.mean((simulated[c] - one.displacement[c]) ** 2) / np.mean(one.displacement[c] ** 2)
         for c in (0, 2))
-    assert PaperObjective(RIG, [one], (0, 2))(contact)[0] == pytest.approx(by_hand)
+    assert objectives.PaperObjective(RIG, [one], (0, 2))(contact)[0] == pytest.approx(by_hand)
 
 
 def test_residuals_of_the_truth_are_white(four_runs):
@@ -268,7 +263,7 @@ def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
 def test_a_stiffness_that_no_reading_depends_on_has_no_interval_and_no_overflow():
     objective = WeightedObjective(RIG, observe([static_run(50.0)], RIG, fit_rate=50.0), (0, 1, 2))
     space = SearchSpace.of(RIG.bounds, methods.STATIC_NAMES, TRUE_TO_SCALE, ('K1', 'K2'))
-    best = stay_at(objective, space, TRUE_TO_SCALE)
+    best = objectives.stay_at(objective, space, TRUE_TO_SCALE)
     blind = replace(best, jacobian=best.jacobian * np.array([1.0, 1.0, 1e-12, 1.0]))
     trust = assess(objective, space, blind, RIG.bounds, '')
     assert trust.intervals['K2'] is None

@@ -9,40 +9,21 @@ import numpy as np
 import pytest
 
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.monitoring.detector import (
-    assumed_noise,
-    block_noise,
-    BlockNoise,
-    BlockWatch,
-    Detector,
-    Innovations,
-    least_wander,
-    MonitoringError,
-    RestLearner,
-    wander_limit,
-    WANDER_SHARE,
-)
-from saddlering_ros.monitoring.monitor import (
-    ALARM,
-    first_guess,
-    LEARNING,
-    Monitor,
-    MonitorSettings,
-    Sample,
-    WAITING,
-    WATCHING,
-)
+from saddlering_ros.monitoring import detector as detectors
+from saddlering_ros.monitoring import monitor as monitors
+from saddlering_ros.monitoring.detector import assumed_noise, BlockNoise, BlockWatch, Detector
+from saddlering_ros.monitoring.monitor import ALARM, first_guess, Monitor, Sample, WATCHING
 from saddlering_ros.rig import default_rig
 
-SETTINGS = MonitorSettings()
+SETTINGS = monitors.MonitorSettings()
 
 
 def test_the_wander_of_all_channels_leaves_its_limits_as_seldom_as_promised():
     noise, block, hours, channels = BlockNoise(1.0, 4.0, 0.98), 0.02, 100.0, 3
-    z = wander_limit(noise, block, hours, channels) / 2.0
+    z = detectors.wander_limit(noise, block, hours, channels) / 2.0
     density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
     a_second = channels * 2.0 * z * density / (-block / math.log(0.98))
-    assert a_second * 3600.0 * hours == pytest.approx(WANDER_SHARE, rel=1e-6)
+    assert a_second * 3600.0 * hours == pytest.approx(detectors.WANDER_SHARE, rel=1e-6)
 
 
 def watch(one, samples):
@@ -93,7 +74,7 @@ def test_neither_a_mean_within_its_bound_nor_one_wild_block_is_a_change():
 def test_innovations_of_wandering_noise_are_independent():
     chance = np.random.default_rng(4)
     noise, wander, values = BlockNoise(1.0, 4.0, 0.98), 0.0, []
-    whitener = Innovations([noise])
+    whitener = detectors.Innovations([noise])
     for _ in range(10_000):
         wander = 0.98 * wander + np.sqrt(4.0 * (1.0 - 0.98**2)) * chance.standard_normal()
         values.append(whitener.step(np.array([wander + chance.standard_normal()]))[0][0])
@@ -104,7 +85,7 @@ def test_innovations_of_wandering_noise_are_independent():
 
 def test_noise_of_blocks_follows_from_that_of_samples():
     sampled = ChannelNoise(1e-3, np.array([0.1]), 0.0, 10, np.array([4.0]))
-    found = block_noise(sampled, 0.02)
+    found = detectors.block_noise(sampled, 0.02)
     assert found.white == pytest.approx(1.0 / 20.0, rel=0.02)
     assert found.wander == pytest.approx(0.1, rel=0.02)
     assert found.memory == pytest.approx(np.exp(-0.02 / 4.0), rel=1e-3)
@@ -156,7 +137,8 @@ def record(seconds=14.0, step_at=9.0, size=2.0, stamp=0, load=None):
 
 
 def monitor(materiality=0.0, **settings):
-    return Monitor(MonitorSettings(**settings), BAND, lambda elevation: np.full(3, materiality))
+    return Monitor(monitors.MonitorSettings(**settings), BAND,
+                   lambda elevation: np.full(3, materiality))
 
 
 def test_the_alarm_has_channel_onset_size_and_a_first_guess():
@@ -174,12 +156,12 @@ def test_the_alarm_has_channel_onset_size_and_a_first_guess():
 
 def test_the_noise_is_learnt_until_the_load_moves_and_watched_from_there_on():
     watched, states = monitor(), []
-    assert watched.state == WAITING
+    assert watched.state == monitors.WAITING
     for sample in record(size=0.0, seconds=6.0):
         watched.step(sample)
         states.append((1e-9 * sample.stamp, watched.state))
     began = next(time for time, state in states if state == WATCHING)
-    assert states[0][1] == LEARNING
+    assert states[0][1] == monitors.LEARNING
     assert 3.0 < began < 3.2
     assert watched.rest.samples == 10
     assert watched.rest.seconds == pytest.approx(2.9, abs=0.1)
@@ -322,7 +304,7 @@ def test_an_offset_under_a_load_that_moves_one_way_may_be_friction_or_a_probe():
 
 
 def test_a_rest_longer_than_it_is_read_ends_the_learning():
-    learner, found = RestLearner(BAND, 0.02), None
+    learner, found = detectors.RestLearner(BAND, 0.02), None
     values = np.random.default_rng(8).standard_normal((4000, 3)).tolist()
     for index, row in enumerate(values):
         found = learner.step(round(1e7 * index), tuple(row), 5.0)
@@ -333,8 +315,8 @@ def test_a_rest_longer_than_it_is_read_ends_the_learning():
 
 @pytest.mark.parametrize('settings', [{'block': 0.0}, {'false_alarm_hours': math.inf}])
 def test_settings_that_cannot_be_used_are_refused(settings):
-    with pytest.raises(MonitoringError, match='above 0'):
-        MonitorSettings(**settings)
+    with pytest.raises(detectors.MonitoringError, match='above 0'):
+        monitors.MonitorSettings(**settings)
 
 
 @pytest.mark.parametrize('size', [0.0, 0.3])
@@ -371,6 +353,6 @@ def test_noise_between_white_and_slow_is_counted_to_both():
 
 
 def test_the_wander_assumed_follows_the_range_of_the_probes():
-    probes, found = default_rig().probes, least_wander(default_rig())
+    probes, found = default_rig().probes, detectors.least_wander(default_rig())
     assert found[0] == pytest.approx(5e-5 * (probes.max_range - probes.min_range) / math.sqrt(2.0))
     assert found[2] == pytest.approx(2.0 * found[1] / probes.axial_span)
