@@ -166,7 +166,7 @@ def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding
     elif count := count_where(lambda block: (block <= low) | (block >= high), raw.values):
         findings.append(Finding(
             f'{count} of {len(raw.values)} readings are at or beyond the limits of its span '
-            f'({low:g} to {high:g} m){_unit_outside(raw)}', raw.topic))
+            f'({low:g} to {high:g} m){unit_outside(raw.values, low, high)}', raw.topic))
     return findings
 
 
@@ -174,11 +174,11 @@ def _is_span(low: float, high: float) -> bool:
     return math.isfinite(low) and math.isfinite(high) and low < high
 
 
-def _unit_outside(raw: RawTopic) -> str:
+def unit_outside(values: NDArray[np.float64], low: float, high: float) -> str:
     """Words on the unit of a probe's readings, of which most lie outside of its span."""
-    typical, low, high = np.median(np.abs(spread(raw.values))), raw.min_range, raw.max_range
-    is_inside = not _is_span(low, high) or low < typical < high
-    return '' if is_inside else f' and look like {_guess_unit(float(typical), low, high)}'
+    typical = float(np.median(np.abs(spread(values))))
+    is_inside = not _is_span(low, high) or low <= typical <= high
+    return '' if is_inside else f' and look like {_guess_unit(typical, low, high)}'
 
 
 def _guess_unit(typical: float, low: float, high: float) -> str:
@@ -351,7 +351,8 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
     else:
         check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
-        hint = '' if name == LOAD_TOPIC else _unit_outside(raw)
+        hint = '' if name == LOAD_TOPIC else unit_outside(
+            raw.values, raw.min_range, raw.max_range)
         low, high = (quantity(limit, TOPICS[name].unit) for limit in (limits.low, limits.high))
         raise BagError(
             f'{where}: {wrong} of {len(raw)} readings cannot be those of the rig file (from {low} '

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
+from saddlering_ros.doubts.readings import unit_outside
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 
@@ -151,8 +152,9 @@ class SaturationTask(Kept):
         figures = {'saturated': str(self.total),
                    'nearest to an end [mm]': f'{np.min(margins, initial=math.inf) * 1e3:.4g}'}
         if count:
-            return TaskStatus(ERROR, f"{count} readings at an end of the probe's range: "
-                              "check the probe's position", figures)
+            hint = unit_outside(values, self.low, self.high)
+            return TaskStatus(ERROR, f"{count} readings are at an end of the probe's range{hint}: "
+                              'check position and unit of the probe', figures)
         return TaskStatus(OK, 'inside its range', figures)
 
 

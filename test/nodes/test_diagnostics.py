@@ -65,6 +65,16 @@ def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
     assert task.report(1.0).level == OK
 
 
+@pytest.mark.parametrize(('factor', 'words'), [(1e3, ' and look like millimetres'), (1.0, '')])
+def test_readings_at_the_end_of_the_range_are_told_with_the_unit_that_they_look_like(
+        factor: float, words: str) -> None:
+    task = diagnostics.SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
+    task.push(factor * np.array([1e-3, 1.1e-3, 2e-3]))
+    found = task.report(1.0)
+    assert found.level == ERROR
+    assert f"an end of the probe's range{words}: check position and unit" in found.words
+
+
 def test_a_refused_reading_is_a_warning_of_the_same_period_and_of_no_later_one() -> None:
     guard = SampleGuard(load_limits(default_rig()))
     events = Events(lambda: vars(guard.counters))
