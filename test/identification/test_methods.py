@@ -260,13 +260,18 @@ def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
 
 
 @pytest.mark.filterwarnings('error::RuntimeWarning')
-def test_a_stiffness_that_no_reading_depends_on_has_no_interval_and_no_overflow():
+@pytest.mark.parametrize(('row', 'column', 'factor'), [
+    (slice(None), 2, 1e-12), (7, slice(None), 1e6)], ids=['no reading', 'one reading'])
+def test_a_stiffness_that_no_or_one_reading_determines_has_no_interval_and_no_overflow(
+        row, column, factor):
     objective = WeightedObjective(RIG, observe([static_run(50.0)], RIG, fit_rate=50.0), (0, 1, 2))
     space = SearchSpace.of(RIG.bounds, methods.STATIC_NAMES, TRUE_TO_SCALE, ('K1', 'K2'))
     best = objectives.stay_at(objective, space, TRUE_TO_SCALE)
-    blind = replace(best, jacobian=best.jacobian * np.array([1.0, 1.0, 1e-12, 1.0]))
-    trust = assess(objective, space, blind, RIG.bounds, '')
+    jacobian = best.jacobian.copy()
+    jacobian[row, column] *= factor
+    trust = assess(objective, space, replace(best, jacobian=jacobian), RIG.bounds, '')
     assert trust.intervals['K2'] is None
+    assert ('one reading alone' in trust.reasons['K2']) == (row == 7)
 
 
 def half_of(run):
