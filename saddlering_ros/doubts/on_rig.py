@@ -68,9 +68,6 @@ MIN_PEAK = 0.5
 """Share of the full scale that the highest load of a test reaches: a plan's tests reach all of it,
 and below a tenth (`wiring.MIN_LOAD_SPAN`) not even the wiring can be seen."""
 
-MAX_PEAK = 1.05
-"""Share of the full scale that the highest load of a test does not exceed."""
-
 OFF_PRELOAD = 0.04
 """Share of the full scale by which a record may start beside the preload."""
 
@@ -223,8 +220,8 @@ def units_of_preload(rig: Rig, load: float) -> list[str]:
 def below_preload(rig: Rig, load: float) -> str:
     """Words on a zero at far less than the preload of the rig; '' of another one."""
     return '' if load >= MIN_ZERO * rig.preload or rig.preload < rig.limits.rest_band else (
-        f'is below the preload ({rig.force_words(rig.preload, 2)}): the load was tared there, or '
-        'was not applied yet, and the ring is simulated from another place in its clearances')
+        f'is below the preload ({rig.force_words(rig.preload, 2)}): the load was tared there or '
+        'not applied yet, or rig.preload is wrong, and the simulated ring starts elsewhere')
 
 
 def _unit_of_time(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
@@ -278,7 +275,7 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
 
 def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
     """A finding for each contradiction between bag and rig; [] if there is none."""
-    findings, probes, full = [], rig.probes, rig.full_scale_load
+    findings, probes = [], rig.probes
     if run.rig_hash not in ('', rig.digest):
         findings.append(Finding(
             f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, and this rig '
@@ -296,17 +293,9 @@ def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
             findings.append(Finding(
                 f'probe {number} reads {low * 1e3:.3f} to {high * 1e3:.3f} mm, outside of the '
                 'range in the rig file (rig.probes.min_range, max_range)'))
-    peak, start = float(np.nanmax(run.load)), float(np.nanmedian(run.load[:10]))
-    if not MIN_PEAK * full <= peak <= MAX_PEAK * full:
-        findings.append(Finding(
-            f'the highest load is {rig.force_words(peak)}, the full scale in the rig file '
-            f'{rig.force_words(full)} (rig.full_scale_load)'))
-    if abs(start - rig.preload) > OFF_PRELOAD * full:
-        findings.append(Finding(
-            f'the record starts at {rig.force_words(start, 2)}, the preload in the rig file is '
-            f'{rig.force_words(rig.preload, 2)} (rig.preload)'))
-    return [*findings, *wiring_findings(rig, run.elevation, run.load, run.gaps),
-            *_elevation(rig, run)]
+    kept = np.isfinite(run.load)
+    return [*findings, *_unit_of_load(rig, run.time[kept], run.load[kept]),
+            *wiring_findings(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
 
 
 def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Finding]:

@@ -81,8 +81,8 @@ def test_the_drawing_leaves_out_the_probe_that_the_rig_does_not_have():
 @pytest.mark.parametrize(('rig', 'words'), [
     (replace(RIG, probes=replace(RIG.probes, polarity=(1.0, -1.0, 1.0, 1.0))), 'polarity'),
     (replace(RIG, probes=replace(RIG.probes, max_range=1e-3)), 'states a range of 0 to 2 mm'),
-    (replace(RIG, full_scale_load=8e5), 'rig.full_scale_load'),
-    (replace(RIG, preload=2e4), 'the record starts at 0.50 t'),
+    (replace(RIG, full_scale_load=8e5), 'full_scale_load of the rig file'),
+    (replace(RIG, preload=2e4), 'the zero, at 0.50 t, is below the preload (2.04 t)'),
 ])
 def test_a_bag_speaks_against_a_wrong_rig_file(rig: Rig, words: str) -> None:
     found = [*map(str, check_rig(rig, read_raw(BAG), read_run(BAG, rig=rig)))]
