@@ -322,7 +322,7 @@ class ReplayClockNode(BagNode):
                    'malformed progress': str(
                        self._group.malformed + sum(flow.malformed for flow in self.inputs)),
                    'time-outs': str(self._timeouts),
-                   'bag': Path(self.settings['bag']).name}
+                   'bag': Path(self._bag).name}
         if self._group.excused and self._lockstep:
             left = ', '.join(sorted(self._group.excused))
             return TaskStatus(ERROR, f'continues without {left}, which fell behind', figures)

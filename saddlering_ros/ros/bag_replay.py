@@ -29,8 +29,8 @@ from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 BAG = NodeParameter(
-    'bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
-    changeable=True)
+    'bag', '', 'the bag to replay, from the next `configure` on: a rosbag2 directory or an .mcap '
+               'file; none: wait', changeable=True)
 BAG_ROOT = NodeParameter(
     'bag_root', '', 'folder below which every bag must lie that is set while the node runs '
     '(links are resolved first); none: the folder of the bag at the start, else the shipped bags')
@@ -69,7 +69,7 @@ class BagNode(StreamingNode):
         """The bag to replay now; NodeError for none, a forbidden one, or another rig's."""
         bag = self.settings['bag']
         if not bag:
-            raise NodeError(f'{self.get_name()}: parameter bag is empty: give -p bag:=PATH')
+            raise NodeError(f'{self.get_name()}: parameter bag is empty: set it to a bag')
         record = read_raw(self._allowed(bag), topics, rig=self._rig)
         parameters.refuse_other_rig(self, refuse_other_hash, record, self._rig)
         return record

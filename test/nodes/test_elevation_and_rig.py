@@ -48,6 +48,9 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
 
     # Another bag, swapped in by lifecycle: the simulator goes on at its elevation.
     assert set_parameter(heard, 'replay_clock', 'bag', str(steep)).successful
+    heard.forget()
+    wait_until(lambda: 'replay_clock: replay' in heard.diagnostics, what='a report')
+    assert heard.figures['replay_clock: replay']['bag'] == bag.name
     lead(heard, 'replay_clock', *ANEW)
     wait_until(lambda: math.isclose(said[-1].elevation, math.radians(70.0)), what='70 deg')
     refused = set_parameter(heard, 'ring_simulator', 'elevation_deg', 50.0)
