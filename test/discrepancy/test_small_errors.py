@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy.search import among as searching
 from saddlering_ros.discrepancy.search import small_errors
 from saddlering_ros.discrepancy.verdict import established, published, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause
+from saddlering_ros.quantities import WIDTH_95
 
 TIME = np.linspace(0.0, 20.0, 500)
 SHAPES = {
@@ -579,7 +580,7 @@ def test_a_size_does_not_take_what_belongs_to_small_errors() -> None:
     assert abs(size.value - 0.4) < min(0.001, 2.0 * size.std)
 
 
-def test_an_interval_counts_the_sizes_in_models_that_are_nearly_as_likely() -> None:
+def test_an_interval_counts_the_sizes_of_other_models_and_of_a_plain_fit() -> None:
     """A bent load cell of -0.0158 was -0.0127 +- 0.0006, and -0.0150 in a model as likely."""
     law, other = (Effect(name, {'size': Parameter(0, 1)}) for name in ('law', 'other'))
 
@@ -597,6 +598,10 @@ def test_an_interval_counts_the_sizes_in_models_that_are_nearly_as_likely() -> N
                  for sources in ([first], [first, *others]))
     assert own == pytest.approx([1e-3, 1e-3], rel=1e-3)
     assert wide == pytest.approx([0.01, 0.03], rel=0.01)
+    # A bent load cell of 0.0145 was 0.0104 +- 0.0005, and 0.0165 by least squares over the range.
+    plain: Any = fit([0.5, 0.25], law)
+    whole = published._covariance(space, [first], first, residual, plain)
+    assert np.sqrt(np.diag(whole)) == pytest.approx([1e-3, 0.05 / WIDTH_95], rel=1e-3)
 
 
 def test_without_held_out_runs_a_run_counts_in_no_size_that_predicts_it(
