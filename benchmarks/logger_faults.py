@@ -26,13 +26,8 @@ from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
 from saddlering_ros.quantities import WIDTH_95
-from saddlering_ros.record import (
-    displacement_of_run,
-    LOAD_TOPIC,
-    PROBE_TOPICS,
-    RawRecord,
-    RawTopic,
-)
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import experiment

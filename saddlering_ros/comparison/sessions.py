@@ -20,14 +20,7 @@ from numpy.typing import NDArray
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import (
-    Diagnosis,
-    Effect,
-    Neighbourhood,
-    Parameter,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
 
@@ -126,7 +119,7 @@ class TwoSessions:
         session = self.session_of(run)
         return self.ring.predict_many(run, [seen_in(session, point) for point in points])
 
-    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> discrepancy.Neighbourhood:
         by_session = {
             session: self.ring.neighbourhood(
                 [[seen_in(session, point) for point in group] for group in groups])

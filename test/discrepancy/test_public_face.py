@@ -13,17 +13,7 @@ from sources import imported
 
 import saddlering_ros
 from saddlering_ros import discrepancy
-from saddlering_ros.discrepancy import (
-    Channel,
-    check,
-    diagnose,
-    Diagnosis,
-    DiscrepancyError,
-    Effect,
-    Model,
-    Parameter,
-    Run,
-)
+from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
 
 PACKAGE = Path(saddlering_ros.__file__).parent
 NAME = 'saddlering_ros.discrepancy'
@@ -50,7 +40,7 @@ def record(seed: int = 0, huge: float = 0.0, true: float = 2.0) -> Run:
     return Run(f'run {seed}', x, {'x': x}, {'y': y})
 
 
-def found(simulate: Callable[..., Any], *runs: Run) -> Diagnosis:
+def found(simulate: Callable[..., Any], *runs: Run) -> discrepancy.Diagnosis:
     answer = diagnose(lines(simulate), runs or [record(0), record(1)])
     assert [cause.effect for cause in answer.causes] == ['wave']
     return answer
@@ -108,7 +98,7 @@ def test_the_engine_imports_no_ring() -> None:
      'channel y has readings up to 1.99e-198: give NaN where a sample is missing, or')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
-    with pytest.raises(DiscrepancyError) as refused:
+    with pytest.raises(discrepancy.DiscrepancyError) as refused:
         declare()
     assert str(refused.value).startswith(words)
     assert '\n' not in str(refused.value)
@@ -143,7 +133,8 @@ def test_a_simulator_with_another_result_for_the_same_parameters_is_refused() ->
         return answer
 
     for simulate in (draws, changes_its_input):
-        with pytest.raises(DiscrepancyError, match='another result for the same parameters, by '):
+        with pytest.raises(discrepancy.DiscrepancyError,
+                           match='another result for the same parameters, by '):
             diagnose(lines(simulate), [record(0), record(1)])
 
 
@@ -178,7 +169,7 @@ def test_a_refused_simulator_says_where_it_is_not_finite_and_which_input_is_not(
     run = record()
     x = run.inputs['x'].copy()
     x[5:9] = np.nan
-    with pytest.raises(DiscrepancyError) as refused:
+    with pytest.raises(discrepancy.DiscrepancyError) as refused:
         diagnose(lines(straight), [Run('a', run.time, {'x': x}, run.outputs)])
     assert 'y in 4 of 200 samples, from time 0.100503 on' in str(refused.value)
     assert 'input x has values that are no finite numbers' in str(refused.value)
@@ -212,7 +203,7 @@ def test_parameters_that_only_have_a_ratio_get_no_narrow_interval() -> None:
     answer = diagnose(model, runs)
     assert answer.base['spring'].std > 0.5
     assert abs(answer.base['spring'].value - 3.0) < 3.0 * answer.base['spring'].std
-    seen = {line.split(':')[0]: line for line in check(model, runs)}
+    seen = {line.split(':')[0]: line for line in discrepancy.check(model, runs)}
     assert seen['base mass'].endswith('cannot be told from the other base parameters')
 
 
@@ -230,5 +221,6 @@ def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason() -> None
             raise OSError('no road file')
         return straight(parameters, run)
 
-    with pytest.raises(DiscrepancyError, match=r'parameters \(run run 1: OSError: no road file\)'):
+    with pytest.raises(discrepancy.DiscrepancyError,
+                       match=r'parameters \(run run 1: OSError: no road file\)'):
         diagnose(lines(simulate), [record(0), record(1)])

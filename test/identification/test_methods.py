@@ -11,17 +11,12 @@ import pytest
 
 from saddlering_ros import identification
 from saddlering_ros.estimation.least_squares import SearchSpace
-from saddlering_ros.identification import (
-    IdentificationSettings,
-    identify,
-    methods,
-    SwarmSettings,
-    uncertainty,
-)
+from saddlering_ros.identification import identify, methods, SwarmSettings, uncertainty
 from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.methods import MISFIT_ADVICE
 from saddlering_ros.identification.objective import average_branches, predict, WeightedObjective
 from saddlering_ros.identification.result import identification_text
+from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.identification.uncertainty import assess, joint_axes, reason_open
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE

@@ -9,15 +9,8 @@ import readable_ring as reference
 
 from saddlering_ros import ring
 from saddlering_ros.effects import catalogue, NO_EXTENSION
-from saddlering_ros.rig import (
-    ContactParameters,
-    default_rig,
-    FULL_SCALE_LOAD,
-    PARAMETER_NAMES,
-    ParameterSet,
-    TONNE,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig.parameter_file import ContactParameters, PARAMETER_NAMES
 from saddlering_ros.ring import dynamic_batch, probe_batch, simulate, SimulationError, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion
 

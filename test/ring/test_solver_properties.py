@@ -15,17 +15,9 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.guard import ReadingLimits, SampleGuard
 from saddlering_ros.record.residual import SimulationStream
-from saddlering_ros.rig import (
-    ContactParameters,
-    default_rig,
-    FULL_SCALE_LOAD,
-    PARAMETER_NAMES,
-    ParameterSet,
-    Rig,
-    RollerRow,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, Rig, RollerRow
 from saddlering_ros.rig.description import Carriage, Trunnion
+from saddlering_ros.rig.parameter_file import ContactParameters, PARAMETER_NAMES, TRUE_TO_SCALE
 from saddlering_ros.ring import dynamic_batch, RingSimulator, simulate, static_batch
 from saddlering_ros.ring.kernels import integration, layout
 
