@@ -22,8 +22,9 @@ class BoltOpening(RingEffect):
                         one_sided=True, adds_to='opening_compliance'),
         EffectParameter(
             'moment', 'N m', 20000.0, 250000.0, 100000.0, 100000.0,
-            'tilting moment at which the joint opens, the mean of its bolts', one_sided=True,
-            adds_to='opening_moment'),
+            'tilting moment at which the joint opens, the mean of its bolts; at the lowest '
+            'one it is always open, a compliance of the tilt', one_sided=True,
+            limiting_case=(20000.0,), adds_to='opening_moment'),
         EffectParameter('spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
                         'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True,
                         adds_to='opening_spread'))

@@ -256,6 +256,15 @@ def test_a_joint_without_a_spread_opens_sharply_and_is_where_a_small_spread_lead
     assert opening({'spread': 1.0})[1] == pytest.approx(sharp, abs=2e-10 * 0.25)
 
 
+def test_a_joint_that_opens_at_its_lowest_moment_can_be_a_compliance_of_the_tilt() -> None:
+    """It was named for one that was not listed, with the moment at this bound."""
+    _, lowest, spread = catalogue()['bolt_opening'].parameters
+    moment, change = opening({'moment': lowest.low, 'spread': spread.high})
+    line = np.polyval(np.polyfit(moment, change, 1), moment)
+    assert np.var(change - line) < 0.01 * np.var(change)
+    assert lowest.limiting_case == (lowest.low,)
+
+
 @pytest.mark.parametrize(('effect_id', 'channel', 'drive'), [
     ('radial_compliance', 'delta_x', np.cos(PUSHED)),
     ('axial_compliance', 'delta_y', -np.sin(PUSHED)),
