@@ -548,11 +548,11 @@ def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None
         Cause(name, Effect(name, {'size': Parameter(0, 1)}), 0, (name,), {}, 0.0, 0.0, visible,
               Gain(0.5, 0.5, ''))
         for name, visible in (('large', 0.08), ('small', 0.02)))
-    verdicts: tuple[Verdict, ...] = ('named', 'unknown')
-    for verdict, taken in itertools.product(verdicts, (0.99, 0.86, 0.4)):
+    verdicts: tuple[tuple[Verdict, float], ...] = (('named', 16.0), ('unknown', 4.0))
+    for (verdict, ratio), taken in itertools.product(verdicts, (0.99, 0.86, 0.4)):
         told = probabilities_of(verdict, [first, second], taken)
         assert sum(told.values()) == pytest.approx(1.0)
-        assert told['large'] > 10.0 * told['small']
+        assert told['large'] == pytest.approx(ratio * told['small'])
     assert probabilities_of('named', [first], 0.99)['large'] > 0.9
     assert probabilities_of('unknown', [first], 0.2)['unknown'] > 0.75
 

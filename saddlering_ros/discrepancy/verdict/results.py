@@ -438,7 +438,8 @@ def probabilities_of(
     The chance of established causes falls with a power of the share of the misfit that they leave
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
-    which is 0 where their law may be another. Several share by the power that each moves.
+    which is 0 where their law may be another. Several share by the power that each moves, and by
+    its root where they are not established: what moves most is less often the main one.
     nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
     the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
@@ -448,9 +449,9 @@ def probabilities_of(
     chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = (MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)) * (1.0 - sound)
-    powers = [cause.visible**2 for cause in causes]
+    weights = [cause.visible if verdict == 'unknown' else cause.visible**2 for cause in causes]
     answer: dict[str, float] = {}
-    for cause, power in zip(causes, powers, strict=True):
+    for cause, weight in zip(causes, weights, strict=True):
         name = ' or '.join(cause.group)
-        answer[name] = answer.get(name, 0.0) + chance * power / max(sum(powers), 1e-300)
+        answer[name] = answer.get(name, 0.0) + chance * weight / max(sum(weights), 1e-300)
     return {**answer, 'none': none, 'unknown': 1.0 - none - sum(answer.values())}
