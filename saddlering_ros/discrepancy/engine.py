@@ -289,8 +289,9 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
 
     search = replace(strict, space=space, fit=best.fit, alternatives={})
     sources = [model.fit for model in among.likely]
-    [plain_source] = publishing.plain_fits(space.problem, sources[:1])
-    published = publish_settled(search, sources, plain_source, before, after)
+    otherwise = [*publishing.plain_fits(space.problem, sources[:1]),
+                 among.beside_larger_errors(space.settings.max_rounds)]
+    published = publish_settled(search, sources, otherwise, before, after)
     main, small = established.main_among(among, published)
     doubts, group = established.doubts_among(among, main, published)
     left_out = {*small, *established.small_secondary_causes(published, main)}
@@ -302,11 +303,11 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     if group:
         search = replace(search, alternatives={
             main: tuple(only(other.fit, {name}) for name, other in group.items())})
-        published = publish_settled(search, sources, plain_source, before, after)
+        published = publish_settled(search, sources, otherwise, before, after)
     while not doubts and left_out:
         names = {*search.fit.candidate.ids} - left_out
         search = replace(search, fit=only(search.fit, names))
-        published = publish_settled(search, sources, plain_source, before, after)
+        published = publish_settled(search, sources, otherwise, before, after)
         left_out = {*established.small_secondary_causes(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),

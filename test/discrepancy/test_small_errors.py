@@ -59,6 +59,10 @@ def record(number: int, sizes: Mapping[str, float]) -> Run:
     return replace(run, outputs={'seen': seen['seen'] + noise})
 
 
+def unequal(evidence: float, beside_one: float) -> small_errors.Unequal:
+    return small_errors.Unequal(evidence, beside_one, beside_one, np.ones(1))
+
+
 def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
     runs = [record(number, sizes) for number in range(4)]
     problem = problem_of(model(*listed), runs[:3], runs[3:])
@@ -70,9 +74,10 @@ def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
 def observed() -> SimpleNamespace:
     """Friction among small errors: the `answer`, and what the engine saw on its way.
 
-    `among` and `some_runs`: space and fit of each search; `settled`: each publication.
+    `among` and `some_runs`: space and fit of each search; `settled`: each publication, and
+    `otherwise`: the fits by other measures that it was given.
     """
-    found = SimpleNamespace(among=[], some_runs=[], settled=[])
+    found = SimpleNamespace(among=[], some_runs=[], settled=[], otherwise=[])
     search, publish, confined = (engine.search_among_small_errors, engine.publish_settled,
                                  engine.cause_of_some_runs)
     with pytest.MonkeyPatch.context() as patch:
@@ -81,7 +86,8 @@ def observed() -> SimpleNamespace:
         patch.setattr(engine, 'cause_of_some_runs', lambda space, fit: (
             found.some_runs.append((space, fit)), confined(space, fit))[1])
         patch.setattr(engine, 'publish_settled', lambda *given: (
-            found.settled.append(publish(*given)) or found.settled[-1]))
+            found.otherwise.append(given[2]), found.settled.append(publish(*given)),
+            found.settled[-1])[-1])
         found.answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
     return found
 
@@ -208,7 +214,7 @@ def among_of(
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
     errors: Any = SimpleNamespace(
-        with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4),
+        with_larger=lambda space, fit, small: unequal(evidence[id(fit)], 1e-4),
         falls_in_one_view=lambda space, model, name: {})
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
@@ -363,7 +369,8 @@ def test_a_cause_that_others_replace_beside_larger_errors_is_not_established() -
     among = among_of(best, [other, model_of(0.0)])
     assert among.stands_out('friction')
     errors: Any = SimpleNamespace(
-        with_larger=lambda space, fit, small: (60.0 if 'friction' in small else 65.0, 1e-4))
+        with_larger=lambda space, fit, small: unequal(
+            60.0 if 'friction' in small else 65.0, 1e-4))
     assert not replace(among, errors=errors).stands_out('friction')
 
 
@@ -492,7 +499,7 @@ def test_one_error_that_is_much_larger_makes_no_cause_smaller() -> None:
     """A clock that was off by 30 times the other errors made all of them look as large."""
     among = among_of(model_of(50.0, friction=0.02), [model_of(0.0)])
     assert among.times('friction') == pytest.approx(200.0)
-    errors: Any = SimpleNamespace(with_larger=lambda space, fit, small: (50.0, 2.5e-5))
+    errors: Any = SimpleNamespace(with_larger=lambda space, fit, small: unequal(50.0, 2.5e-5))
     assert replace(among, errors=errors).times('friction') == pytest.approx(800.0)
 
 
@@ -600,8 +607,33 @@ def test_an_interval_counts_the_sizes_of_other_models_and_of_a_plain_fit() -> No
     assert wide == pytest.approx([0.01, 0.03], rel=0.01)
     # A bent load cell of 0.0145 was 0.0104 +- 0.0005, and 0.0165 by least squares over the range.
     plain: Any = fit([0.5, 0.25], law)
-    whole = published._covariance(space, [first], first, residual, plain)
+    whole = published._covariance(space, [first], first, residual, [plain])
     assert np.sqrt(np.diag(whole)) == pytest.approx([1e-3, 0.05 / WIDTH_95], rel=1e-3)
+
+
+def test_an_interval_reaches_to_the_sizes_by_other_measures(observed: SimpleNamespace) -> None:
+    """A bent load cell of 0.0138 was 0.0101 +- 0.0006, and 0.0129 beside unequal errors."""
+    [plain, unequal_errors] = observed.otherwise[-1]
+    [cause] = observed.settled[-1].causes
+    size = cause.parameters['size']
+    assert plain.theta_unit.tolist() != unequal_errors.theta_unit.tolist()
+    for fit in (plain, unequal_errors):
+        place = next(part.start for effect, _, part in fit.candidate.slices(1)
+                     if effect.id == cause.effect)
+        other = cause.definition.size.from_unit(float(fit.theta_unit[place]))
+        assert abs(other - size.value) < WIDTH_95 * size.std
+
+
+def test_larger_errors_have_the_common_spread_times_their_factor(
+    observed: SimpleNamespace,
+) -> None:
+    space, fit = observed.among[0]
+    errors = small_errors.SmallErrors(space)
+    columns, found = errors.larger_columns(space, fit, ()), errors.with_larger(space, fit, ())
+    assert found.factors.max() > 1.0
+    powers = [(kind**2).sum() for kind in errors._by_kind]
+    assert (columns**2).sum() == pytest.approx(
+        found.spread**2 * np.sum(found.factors**2 * powers))
 
 
 def test_without_held_out_runs_a_run_counts_in_no_size_that_predicts_it(

@@ -90,11 +90,11 @@ class Among:
         others = sorted((other for other in self.others if not any(
             effect.id in alike or {*names} & {*effect.contains}
             for effect, _ in other.fit.candidate.effects)), key=lambda other: -other.evidence)
-        evidences = [(self.errors.with_larger(self.space, other.fit, alike)[0], number)
+        evidences = [(self.errors.with_larger(self.space, other.fit, alike).evidence, number)
                      for number, other in enumerate(others[:MAX_COMPARED])]
         evidence, number = max(evidences)
-        best, _ = self.errors.with_larger(self.space, self.best.fit, ())
-        return others[number], best - evidence
+        best = self.errors.with_larger(self.space, self.best.fit, ())
+        return others[number], best.evidence - evidence
 
     def group_of(self, name: str) -> tuple[dict[str, Model], Model, float]:
         """Other causes that explain as well as an effect of the best model, each in its model.
@@ -128,13 +128,23 @@ class Among:
         return {law: max(there, key=lambda model: model.evidence) for law in effect.contains
                 if (there := [model for model in self.others if law in model.visible])}
 
+    def beside_larger_errors(self, rounds: int) -> Fit:
+        """The best model refitted beside errors of unequal size; of its main cause small ones."""
+        fit, space = self.best.fit, self.space
+        main = max(self.best.visible, key=lambda name: self.best.visible[name])
+        metric = space.metric.marginalise(np.hstack([
+            nuisance_columns(space.problem, fit.point, fit.prediction),
+            self.errors.larger_columns(space, fit, {main})]))
+        [refitted] = refit_full_jacobian(metric, [fit], rounds)
+        return refitted
+
     def times(self, name: str) -> float:
         """Size of an effect of the best model over the common spread beside one larger error."""
         return self._times(self.best, name)
 
     def _times(self, model: Model, name: str) -> float:
-        _, spread = self.errors.with_larger(self.space, model.fit, ())
-        return model.visible[name] / spread
+        return model.visible[name] / self.errors.with_larger(
+            self.space, model.fit, ()).beside_one
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""

@@ -71,6 +71,20 @@ class Model:
             self.visible.values(), default=np.inf) > self.spread
 
 
+@dataclass(frozen=True)
+class Unequal:
+    """Errors of unequal size that are most likely beside a fit.
+
+    evidence: with the price of each kind that is larger; beside_one: common spread if one is;
+    spread, factors (k,): common spread with all of them, and the factor of each kind.
+    """
+
+    evidence: float
+    beside_one: float
+    spread: float
+    factors: Array
+
+
 class SmallErrors:
     """Every listed effect and smooth shape of a space as an error; columns: of unit spread."""
 
@@ -92,6 +106,7 @@ class SmallErrors:
         for column, kind in enumerate([*names, *families]):
             members[kind].append(column)
         self._kinds = [(name, along[:, chosen]) for (name, _), chosen in members.items()]
+        self._by_kind = [columns[:, chosen] for chosen in members.values()]
 
     def model_of_fit(self, space: ModelSpace, fit: Fit) -> Model:
         """The evidence of a fit, at the spread at which it is largest."""
@@ -106,13 +121,19 @@ class SmallErrors:
 
     def with_larger(
         self, space: ModelSpace, fit: Fit, small: Collection[str],
-    ) -> tuple[float, float]:
-        """Evidence of a fit if errors of some kinds are larger, and common spread if one is.
+    ) -> Unequal:
+        """The errors beside a fit, if some kinds are larger at the price of a choice each.
 
-        Each is larger at the price of a choice. small: effects whose errors are not.
+        small: effects whose errors are not.
         """
         return space.once(f'unequal {sorted(small)}', fit, lambda: self._with_larger(
             self._projected(space, fit), small))
+
+    def larger_columns(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> Array:
+        """Columns (n, c) of the errors of `with_larger`, each times its spread."""
+        found = self.with_larger(space, fit, small)
+        return np.hstack([found.spread * factor * kind for factor, kind in zip(
+            found.factors, self._by_kind, strict=True)])
 
     def falls_in_one_view(self, space: ModelSpace, model: Model, name: str) -> dict[str, float]:
         """Fall of the evidence, with larger errors of other kinds, if an effect acted in one view.
@@ -122,11 +143,12 @@ class SmallErrors:
         fit = model.fit
         small = {name, *next(
             effect.contains for effect, _ in fit.candidate.effects if effect.id == name)}
-        whole = self.with_larger(space, fit, small)[0]
-        return {view: whole - self._with_larger(self._project(space, fit, *confined), small)[0]
+        whole = self.with_larger(space, fit, small).evidence
+        return {view: whole - self._with_larger(
+                    self._project(space, fit, *confined), small).evidence
                 for view, *confined in space.confined(fit, name, model.spread)}
 
-    def _with_larger(self, seen: _Projected, small: Collection[str]) -> tuple[float, float]:
+    def _with_larger(self, seen: _Projected, small: Collection[str]) -> Unequal:
         along = seen.along[self._leading]
         outside = seen.whole - along.T @ along
         common = np.diag(self._powers[self._leading])
@@ -136,24 +158,22 @@ class SmallErrors:
             return seen.evidence(outside + inside.T @ inside, volume)
 
         best, spread = max((evidence(one, common), float(one)) for one in SPREADS[::2])
-        beside_one = spread
-        factors, powers = np.ones(len(self._kinds)), common
-        price = float(np.log(len(self._kinds)))
+        found = Unequal(best, spread, spread, np.ones(len(self._kinds)))
+        powers, price = common, float(np.log(len(self._kinds)))
         for count in range(1, MAX_LARGER + 1):
             gain, number, factor = self._larger(
-                seen, outside, spread, powers, factors, small)
+                seen, outside, found.spread, powers, found.factors, small)
             if gain < price:
                 break
-            kind = self._kinds[number][1]
+            kind, factors = self._kinds[number][1], found.factors.copy()
             powers = powers + (factor**2 - factors[number] ** 2) * kind @ kind.T
             factors[number] = factor
             better, spread = max((evidence(one, powers) - count * price, float(one))
-                                 for one in SPREADS if spread / 2.5 < one <= spread)
-            if better <= best:
+                                 for one in SPREADS if found.spread / 2.5 < one <= found.spread)
+            if better <= found.evidence:
                 break
-            best = better
-            beside_one = spread if count == 1 else beside_one
-        return best, beside_one
+            found = Unequal(better, spread if count == 1 else found.beside_one, spread, factors)
+        return found
 
     def _larger(
         self, seen: _Projected, outside: Array, spread: float, powers: Array, factors: Array,

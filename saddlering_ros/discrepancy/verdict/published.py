@@ -119,14 +119,15 @@ def publish(search: Search, before: Residual, after: Residual) -> Publication:
 
 
 def publish_settled(
-    search: Search, sources: Sequence[Fit], plain_source: Fit, before: Residual, after: Residual,
+    search: Search, sources: Sequence[Fit], otherwise: Sequence[Fit], before: Residual,
+    after: Residual,
 ) -> Publication:
     """Publish causes of the size that a fit beside small errors gives them.
 
     With noise alone they would take what belongs to the small errors. The base is refitted beside
     them, because a parameter file holds no small errors. sources: the fit, which can have more
-    effects, and others that are nearly as likely; plain_source: the fit in the metric of
-    the gain; before, after: residuals of the base and of this fit.
+    effects, and others that are nearly as likely; otherwise: the fit by other
+    measures; before, after: residuals of the base and of this fit.
     """
     space, rounds, models = search.space, search.space.settings.max_rounds, []
     problem = space.problem
@@ -141,7 +142,7 @@ def publish_settled(
             predicted_residuals(problem.with_runs(problem.runs), plain, moves)
             if problem.held_out else ())))
     alike = [each for each in sources if {*search.fit.candidate.key} <= {*each.candidate.key}]
-    return _publication(search, alike, before, after, models, plain_source)
+    return _publication(search, alike, before, after, models, otherwise)
 
 
 def _wanted(search: Search) -> list[Fit]:
@@ -158,7 +159,7 @@ def _metric_of(space: ModelSpace) -> Metric:
 
 def _publication(
     search: Search, sources: Sequence[Fit], before: Residual, after: Residual,
-    models: Sequence[_Model], plain_source: Fit | None = None,
+    models: Sequence[_Model], otherwise: Sequence[Fit] = (),
 ) -> Publication:
     """The numbers of models that were fitted without nuisance parameters, those of `_wanted`."""
     space, fit, problem = search.space, search.fit, search.space.problem
@@ -167,7 +168,7 @@ def _publication(
     by_key = {each.fit.candidate.key: each for each in models}
     chosen = by_key[fit.candidate.key]
     model, base = chosen.fit, by_key[space.base.candidate.key].fit
-    covariance = _covariance(space, sources, model, after, plain_source)
+    covariance = _covariance(space, sources, model, after, otherwise)
     taken = {key: shares_of(space.metric, each, chosen)
              for key, each in by_key.items() if each is not chosen}
 
@@ -259,14 +260,14 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
 
 def _covariance(
     space: ModelSpace, sources: Sequence[Fit], published: Fit, residual: Residual,
-    plain_source: Fit | None = None,
+    otherwise: Sequence[Fit] = (),
 ) -> Array:
     """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters.
 
     sources: fits in the space with the effects of the published one and perhaps more. The first
     gives the covariance; the others, which are nearly as likely, widen it by their distance.
-    plain_source: the first one in the metric of the gain, where structure that is small by range
-    has little weight; a 95 % interval reaches as far.
+    otherwise: the first one in the metric of the gain, where structure that is small by range has
+    little weight, and beside errors of unequal size; a 95 % interval reaches as far.
     """
     base = space.problem.system.base_parameters
 
@@ -276,12 +277,11 @@ def _covariance(
             np.arange(own[name].start, own[name].stop) for name in published.candidate.ids)])
 
     first = places_in(sources[0])
-    fits = [*sources, plain_source or sources[0]]
-    points = np.array([fit.theta_unit[places_in(fit)] for fit in fits])
+    points = np.array([fit.theta_unit[places_in(fit)] for fit in (*sources, *otherwise)])
     apart = np.abs(points - points[0])
     periodic = [parameter.periodic for parameter in published.candidate.parameters(base)]
     apart = np.where(periodic, np.minimum(apart, 1.0 - apart), apart)
-    apart[-1] /= WIDTH_95
+    apart[len(sources):] /= WIDTH_95
     fitted = covariance(space.slopes_of(sources[0]), PRIOR)[np.ix_(first, first)]
     widened = fitted * residual.inflation(space.settings.error_rate)
     return np.asarray(widened + np.diag(
