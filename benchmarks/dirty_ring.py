@@ -17,7 +17,7 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 import math
@@ -33,6 +33,9 @@ import independent_ring
 from independent_ring import Array, Fault, Motion, Ring, simulate, Sliders, usual_courses
 import numpy as np
 from real_faults import answer_of, misfit, say, table
+
+from saddlering_ros.discrepancy import Diagnosis
+from saddlering_ros.quantities import WIDTH_95
 
 FULL = RIG.full_scale_load
 MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error', 'bracket_play',
@@ -57,6 +60,11 @@ OWN = {'gain': 'load_gain', 'bend': 'load_nonlinearity', 'offset': 'load_offset'
        'radial': 'radial_friction', 'tilt': 'tilt_friction', 'gains': 'probe_gain',
        'bends': 'probe_nonlinearity', 'heights': 'probe_height', 'warms': 'probe_drift'}
 """Effects of the catalogue that are small errors of the ring."""
+
+ADDED = {'load_offset': -1.0, 'load_nonlinearity': 1.0, 'cylinder_friction': 1.0,
+         'elevation_error': 1.0, 'moment_arm': 1.0, 'probe_gain': 1.0, 'probe_nonlinearity': 1.0}
+"""Effects of which a ring has an error beside the hidden one, with its sign: an offset of its own
+adds to the load, and a hidden one is taken from it."""
 
 Errors = Mapping[str, Array]
 
@@ -131,6 +139,30 @@ def hidden_in(effect: str, seed: int, share: float = 1.0) -> Hidden:
     return fault_of(effect, np.random.default_rng([seed, 12]), share)
 
 
+def size_of(effect: str, seed: int, found: Diagnosis) -> list[float] | None:
+    """Published size, its deviation and the true one; None without an established size."""
+    cause = next((one for one in found.causes if one.effect == effect), None)
+    if cause is None or found.verdict == 'unknown':
+        return None
+    parameters = hidden_in(effect, seed).parameters
+    name = next(iter(parameters))
+    truth, size = parameters[name], cause.parameters[name]
+    if effect in ADDED:
+        errors = errors_of(seed)[0][next(kind for kind, own in OWN.items() if own == effect)]
+        place = int(parameters.get('probe', 1)) - 1
+        truth += ADDED[effect] * float(errors[place])
+    return [size.value, size.std, truth]
+
+
+def held(rows: Sequence[Mapping[str, object]]) -> str:
+    """How many 95 % intervals of published sizes hold the true ones."""
+    sizes = np.array([row['size'] for row in rows if row['size']]).reshape(-1, 3)
+    apart = (sizes[:, 0] - sizes[:, 2]) / sizes[:, 1]
+    inside = int((np.abs(apart) < WIDTH_95).sum())
+    rms = f', an rms of {np.sqrt(np.mean(apart**2)):.1f} deviations' if apart.size else ''
+    return f'intervals of sizes hold {inside} of {apart.size}{rms}'
+
+
 def motion_of(ring: Ring, fault: Fault) -> list[Array]:
     """Views (4, n) of each test, without noise and about their means: a probe's level is free."""
     views = []
@@ -190,7 +222,7 @@ def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[st
         'kind': kind if effect else 'sound', 'misfit': misfit(found),
         'truth': [max(parts, key=lambda name: parts[name])] if effect else [],
         'seconds': clock.process_time() - began, **answer_of(found),
-        'share': parts[effect] / (parts[effect] + small),
+        'share': parts[effect] / (parts[effect] + small), 'size': size_of(effect, seed, found),
     }
 
 
@@ -206,6 +238,7 @@ def main() -> None:
             if args.out:
                 keep(args.out, rows[-1])
     table(rows)
+    print(held(rows))
 
 
 if __name__ == '__main__':
