@@ -2,6 +2,10 @@
 
 from saddlering_ros.effects.base import EffectParameter, RingEffect
 
+MIN_MOMENT = 20000.0
+"""Lowest opening moment [N m]: a joint that is open from there on is a compliance of the tilt, by
+all but 1 % of the power of what it does."""
+
 
 class BoltOpening(RingEffect):
     title = 'Opening bolted joint'
@@ -21,10 +25,10 @@ class BoltOpening(RingEffect):
                         'extra tilt per unit of moment beyond the opening moment', amplitude=True,
                         one_sided=True, adds_to='opening_compliance'),
         EffectParameter(
-            'moment', 'N m', 20000.0, 250000.0, 100000.0, 100000.0,
+            'moment', 'N m', MIN_MOMENT, 250000.0, 100000.0, 100000.0,
             'tilting moment at which the joint opens, the mean of its bolts; at the lowest '
             'one it is always open, a compliance of the tilt', one_sided=True,
-            limiting_case=(20000.0,), adds_to='opening_moment'),
+            limiting_case=(MIN_MOMENT,), adds_to='opening_moment'),
         EffectParameter('spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
                         'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True,
                         adds_to='opening_spread'))

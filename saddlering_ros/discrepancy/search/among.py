@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Key, PRIOR
-from saddlering_ros.discrepancy.problem.metric import nuisance_columns
+from saddlering_ros.discrepancy.problem.metric import Metric, nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import ranking
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
@@ -132,9 +132,7 @@ class Among:
         """The best model refitted beside errors of unequal size; of its main cause small ones."""
         fit, space = self.best.fit, self.space
         main = max(self.best.visible, key=lambda name: self.best.visible[name])
-        metric = space.metric.marginalise(np.hstack([
-            nuisance_columns(space.problem, fit.point, fit.prediction),
-            self.errors.larger_columns(space, fit, {main})]))
+        metric = _beside(space.metric, fit, self.errors.larger_columns(space, fit, {main}))
         [refitted] = refit_full_jacobian(metric, [fit], rounds)
         return refitted
 
@@ -168,16 +166,19 @@ def search_among_small_errors(search: Search) -> Among | None:
     # Effects that cancel each other can leave more than none of them.
     spread = min(spread, errors.model_of_fit(alone, alone.base).spread)
     for _ in range(MAX_LEARNT):
-        process = spread * errors.columns
-        nuisances = nuisance_columns(alone.problem, fit.point, fit.prediction)
-        space, fit = in_metric(
-            alone, alone.metric.marginalise(np.hstack([nuisances, process])), fit)
+        space, fit = in_metric(alone, _beside(alone.metric, fit, spread * errors.columns), fit)
         among = _climb(space, errors, fit)
         fit = among.best.fit
         if among.best.spread > LEARNT_AGAIN * spread:
             break
         spread = among.best.spread
     return among
+
+
+def _beside(metric: Metric, fit: Fit, errors: Array) -> Metric:
+    """The metric beside errors (n, c), with every nuisance parameter at a fit."""
+    return metric.marginalise(np.hstack([
+        nuisance_columns(metric.problem, fit.point, fit.prediction), errors]))
 
 
 def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:

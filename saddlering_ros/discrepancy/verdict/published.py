@@ -126,8 +126,8 @@ def publish_settled(
 
     With noise alone they would take what belongs to the small errors. The base is refitted beside
     them, because a parameter file holds no small errors. sources: the fit, which can have more
-    effects, and others that are nearly as likely; otherwise: the fit by other
-    measures; before, after: residuals of the base and of this fit.
+    effects, and others that are nearly as likely; otherwise: the fit by other measures; before,
+    after: residuals of the base and of this fit.
     """
     space, rounds, models = search.space, search.space.settings.max_rounds, []
     problem = space.problem
