@@ -41,6 +41,11 @@ DRAWS = 400
 STRETCHES = 4
 """Stretches of a run whose part of the evidence is told, and which are drawn again."""
 
+SIZE_ERROR = 0.05
+"""Share of a size by which small errors of a ring bend it, and which no likelihood tells: a wave
+of 0.7 um round an axial raceway made a moment arm 10 % smaller in every metric. On rings 486 to
+530 of `benchmarks/dirty_ring.py` 29 of 38 intervals held the true size without this share."""
+
 
 @dataclass(frozen=True)
 class GainMetric:
@@ -171,6 +176,9 @@ def _publication(
     covariance = _covariance(space, sources, model, after, otherwise)
     taken = {key: shares_of(space.metric, each, chosen)
              for key, each in by_key.items() if each is not chosen}
+    # Several causes at once are a sign of small errors.
+    is_ring = not (problem.assumptions.exact_laws or problem.assumptions.is_persistent)
+    size_error = SIZE_ERROR if otherwise or (is_ring and len(less) > 1) else 0.0
 
     def gain_over(other: Fit) -> Gain:
         """Gain of the model over another one, on the fitted runs and on predicted ones."""
@@ -196,7 +204,7 @@ def _publication(
         others_named = {other for alternative in search.alternatives.get(effect.id, ())
                         for other in alternative.candidate.ids} - {*model.candidate.ids}
         sizes = with_form_error(effect, _estimates(
-            effect.ordered, model.theta_unit[indices], covariance[indices, indices]))
+            effect.ordered, model.theta_unit[indices], covariance[indices, indices]), size_error)
         sizes.update({key: Estimate(float(value), 0.0, '')
                       for key, value in effect.variants[variant].items()})
         causes.append(Cause(
@@ -234,13 +242,18 @@ def _publication(
         converged=all(each.fit.converged and each.plain.converged for each in models))
 
 
-def with_form_error(effect: Effect, sizes: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """Parameters of an effect, with its form error in the deviation of every amplitude."""
+def with_form_error(
+    effect: Effect, sizes: Mapping[str, Estimate], size_error: float = 0.0,
+) -> dict[str, Estimate]:
+    """Parameters of an effect, with its form error in the deviation of every amplitude.
+
+    size_error: share of an amplitude by which other errors of the machine bend it.
+    """
     sizes, nothing = dict(sizes), {one.name: one.neutral for one in effect.ordered}
     nothing[effect.size.name] = effect.neutral
     for name, neutral in nothing.items():
         if neutral is not None:
-            error = effect.form * (sizes[name].value - neutral)
+            error = np.hypot(effect.form, size_error) * (sizes[name].value - neutral)
             sizes[name] = replace(sizes[name], std=float(np.hypot(sizes[name].std, error)))
     return sizes
 
