@@ -118,9 +118,14 @@ def publish(search: Search, before: Residual, after: Residual) -> Publication:
     """
     problem, rounds = search.space.problem, search.space.settings.max_rounds
     fits = refit_full_jacobian(_metric_of(search.space), _wanted(search), rounds)
+    plain, effects = plain_fits(problem, fits), search.fit.candidate.effects
+    # Several causes at once on a ring are a sign of small errors.
+    is_exact = problem.assumptions.exact_laws or problem.assumptions.is_persistent
+    otherwise = [] if is_exact or len(effects) < 2 else [
+        fit for fit in plain if fit.candidate.effects == effects]
     return _publication(search, [search.fit], before, after, [
-        _Model(fit, plain, predicted_residuals(problem, plain) if search.fit.candidate.effects
-               else []) for fit, plain in zip(fits, plain_fits(problem, fits), strict=True)])
+        _Model(fit, own, predicted_residuals(problem, own) if effects else [])
+        for fit, own in zip(fits, plain, strict=True)], otherwise)
 
 
 def publish_settled(
@@ -176,9 +181,7 @@ def _publication(
     covariance = _covariance(space, sources, model, after, otherwise)
     taken = {key: shares_of(space.metric, each, chosen)
              for key, each in by_key.items() if each is not chosen}
-    # Several causes at once are a sign of small errors.
-    is_ring = not (problem.assumptions.exact_laws or problem.assumptions.is_persistent)
-    size_error = SIZE_ERROR if otherwise or (is_ring and len(less) > 1) else 0.0
+    size_error = SIZE_ERROR if otherwise else 0.0
 
     def gain_over(other: Fit) -> Gain:
         """Gain of the model over another one, on the fitted runs and on predicted ones."""
