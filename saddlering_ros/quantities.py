@@ -219,6 +219,7 @@ MAX_REASONS = 3
 
 
 def first_of(reasons: Sequence[str], separator: str = '; ') -> str:
-    """The first reasons joined, and how many more there are."""
+    """The first reasons joined, each once, and how many more there are."""
+    reasons = list(dict.fromkeys(reasons))
     more = len(reasons) - MAX_REASONS
     return separator.join(reasons[:MAX_REASONS]) + (f'{separator}and {more} more' * (more > 0))

@@ -428,4 +428,6 @@ def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: 
 def test_of_many_doubts_about_the_best_explanation_the_first_ones_are_stated() -> None:
     doubts = [f'doubt {number}' for number in range(1, 11)]
     assert suspect_words('a bend', doubts).endswith(': doubt 1; doubt 2; doubt 3; and 7 more')
+    # A size at its bound was told of twice.
+    assert suspect_words('a bend', ['doubt 1', *doubts]) == suspect_words('a bend', doubts)
     assert suspect_words('a bend', doubts[:3]).endswith(': doubt 1; doubt 2; doubt 3')
