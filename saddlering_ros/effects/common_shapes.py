@@ -122,13 +122,6 @@ and dirty rings the 95 % intervals of right arcs ended at 1.15 rad or below, and
 stood in for unequal rows could be this wide. One that stood in for a clearance of the whole row
 could have no width."""
 
-STARTS = (
-    {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
-    {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})
-"""The load zone at the rear (not at 0, where a mirror image hides the influence of the centre),
-the place between and the load zone at the front."""
-
-
 def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
     """Parameters of a worn arc; `centre` [rad] is where the search for it starts."""
     return (
@@ -155,3 +148,17 @@ def worn_arc(values: Mapping[str, float]) -> Wear:
     wear = values['wear']
     loss, gap = (wear, 0.0) if values['kind'] == STIFFNESS else (0.0, FULL_GAP * wear)
     return Wear(values['centre'], values['half_width'], loss, gap, values['edge'])
+
+
+class WornSector(RingEffect):
+    """A worn arc of a row."""
+
+    settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
+    outcomes = {
+        'slewed_ring': 'a misfit that disappears or moves to another load', 'pull_push': UNCLEAR}
+    stage = 'ring'
+    form = 0.2  # worn arcs end softly, and no two rollers on them alike
+    # The load zone at the rear (not at 0, where a mirror image hides the influence of the centre),
+    # the place between and the load zone at the front, to show where an arc is not visible.
+    starts = ({'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
+              {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})

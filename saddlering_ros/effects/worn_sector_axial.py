@@ -3,24 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, RingEffect, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, STARTS, worn_arc
+from saddlering_ros.effects.base import Choice, Variant
+from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, worn_arc, WornSector
 from saddlering_ros.effects.extension import RingExtension
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
 ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))
 
 
-class WornSectorAxial(RingEffect):
+class WornSectorAxial(WornSector):
     title = 'Worn sector of the axial rows'
     words = ('On one arc the axial rollers or their raceway are worn, so that they carry less or '
              'come into contact later. Tilt and axial motion are softer when the arc lies in the '
              'load zone (front for the upper row, rear for the lower one), and right elsewhere.')
-    settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
-    outcomes = {
-        'slewed_ring': 'a misfit that disappears or moves to another load', 'pull_push': UNCLEAR}
-    stage = 'ring'
-    form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_y', 'gamma')
     parameters = arc_parameters(centre=1.2)
     variants = tuple(
@@ -28,7 +23,6 @@ class WornSectorAxial(RingEffect):
         for row, row_label in ROWS for kind, kind_label in KINDS
     )
     choices = (Choice('row', tuple(row for row, _ in ROWS), '0 both rows, 1 upper, 2 lower'), KIND)
-    starts = STARTS
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         wear = worn_arc(values)

@@ -3,26 +3,20 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import RingEffect, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, STARTS, worn_arc
+from saddlering_ros.effects.base import Variant
+from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, worn_arc, WornSector
 from saddlering_ros.effects.extension import RingExtension
 
 
-class WornSectorRadial(RingEffect):
+class WornSectorRadial(WornSector):
     title = 'Worn sector of the radial row'
     words = ('On one arc the radial rollers or their raceway are worn, so that they carry less or '
              'come into contact later. The radial channel is softer when the arc lies at the '
              'rear, where the load is, and right elsewhere.')
-    settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
-    outcomes = {
-        'slewed_ring': 'a misfit that disappears or moves to another load', 'pull_push': UNCLEAR}
-    stage = 'ring'
-    form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_x',)
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
     choices = (KIND,)
-    starts = STARTS  # off the rear too, to show that an arc there is not visible
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         row = replace(extension.radial_row, wear=worn_arc(values))
