@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> int:
     """Listen, check, print; status 2 if a fault is found."""
     import numpy as np
 
+    from saddlering_ros.doubts import FAULT
     from saddlering_ros.doubts.driver import check_driver
-    from saddlering_ros.doubts.finding import FAULT
     from saddlering_ros.quantities import finite_json
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen

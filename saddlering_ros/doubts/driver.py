@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from saddlering_ros.doubts.finding import FAULT, Finding
+from saddlering_ros.doubts import FAULT, Finding
 from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import Floats, MIN_LOAD_SPAN, wiring_findings
@@ -42,21 +42,14 @@ MOVED = 50.0
 """Readings that spread by more than this many standard deviations of their noise have moved."""
 
 
-@dataclass(frozen=True)
-class HeardTopic:
-    """Messages received on one topic of the rig, in order of arrival."""
+@dataclass(frozen=True, kw_only=True)
+class HeardTopic(Samples):
+    """Samples received on one topic of the rig, in order of arrival."""
 
-    stamps: Stamps  # (N,) [ns] of the headers
     arrivals: Stamps  # (N,) [ns] by the clock of this machine
-    values: Floats  # (N,) in SI units
-    low: float = math.nan  # of the range last published; NaN: none
-    high: float = math.nan
     frame_id: str = ''
     publishers: int = 1  # how many there were
     types: tuple[str, ...] = ()  # under which the topic was found
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
     @property
     def rate(self) -> float:

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
+from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.comparison import rig_in_words
-from saddlering_ros.doubts.finding import Finding
 from saddlering_ros.doubts.readings import LENGTH_UNITS
 from saddlering_ros.doubts.wiring import exchange_findings, Floats, wiring_findings
 from saddlering_ros.quantities import quantity
@@ -56,7 +56,8 @@ TOO_FAST = 1.2
 between a quarter and three quarters of the range, over MIN_SAMPLES samples and more."""
 
 OFF_WHOLE = 0.03
-"""Distance [deg] from a whole number of degrees, as a number of radians with three decimals."""
+"""Distance [deg] from a whole number of degrees of an elevation that was stated in radians, with
+three decimals or more."""
 
 STATIC_SHARE = 0.6
 """Share of its time in holds with which a dynamic record looks static."""
@@ -112,7 +113,12 @@ def findings_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[Finding]:
         if not rig.probes.absent:
             findings += [*parity_findings(rig, run.load, run.gaps),
                          *line_findings(rig, float(run.time[-1]), run.load, run.gaps)]
-    findings += _unit_of_elevation(math.degrees(run.elevation))
+    stated, radians = math.degrees(run.elevation), math.degrees(math.degrees(run.elevation))
+    if (abs(stated) <= math.pi / 2.0 + 1e-3 and abs(stated - round(stated, 2)) >= 1e-6
+            and abs(radians - round(radians)) <= OFF_WHOLE):
+        findings.append(Finding(
+            f'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, '
+            'or correct the metadata of the bag'))
     return [*findings, *exchange_findings(rig, run.time, run.load, run.gaps),
             *rig_findings(rig, run.test, run.time, run.load, spans)]
 
@@ -198,17 +204,6 @@ def rig_findings(
 
 def _is_near(value: float, wanted: float) -> bool:
     return abs(value / wanted - 1.0) < UNIT_TOLERANCE
-
-
-def _unit_of_elevation(stated: float) -> list[Finding]:
-    """A finding if an elevation [deg] with three decimals or more is a whole angle in radians."""
-    radians = math.degrees(stated)
-    if (abs(stated) > math.pi / 2.0 + 1e-3 or abs(stated - round(stated, 2)) < 1e-6
-            or abs(radians - round(radians)) > OFF_WHOLE):
-        return []
-    return [Finding(
-        f'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, or '
-        'correct the metadata of the bag')]
 
 
 def units_of_preload(rig: Rig, load: float) -> list[str]:

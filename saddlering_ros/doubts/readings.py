@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import Finding
+from saddlering_ros.doubts import Finding
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import quality as logger_quality

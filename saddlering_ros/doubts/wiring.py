@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import Finding
+from saddlering_ros.doubts import Finding
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread

@@ -46,9 +46,9 @@ class _Flow:
             first: Any = deserialize_message(self.messages[0], message_class(self.topic.type))
             frame_id = first.header.frame_id
         return HeardTopic(
-            stamps=samples.stamps, arrivals=np.array(self.arrivals[:len(samples)], np.int64),
-            values=samples.values, low=samples.low, high=samples.high, frame_id=frame_id,
-            publishers=len(infos), types=tuple(sorted({info.topic_type for info in infos})))
+            **vars(samples), arrivals=np.array(self.arrivals[:len(samples)], np.int64),
+            frame_id=frame_id, publishers=len(infos),
+            types=tuple(sorted({info.topic_type for info in infos})))
 
 
 def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, HeardTopic]:

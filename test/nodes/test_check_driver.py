@@ -13,8 +13,8 @@ import pytest
 from rosnet import Client, ended, wait_until
 from test_examples import start
 
+from saddlering_ros.doubts import FAULT, NOTE
 from saddlering_ros.doubts.driver import check_driver, HeardTopic
-from saddlering_ros.doubts.finding import FAULT, NOTE
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup
@@ -28,7 +28,8 @@ Heard = dict[str, HeardTopic]
 def heard_topics(record) -> Heard:
     """What a sound driver publishes while the load goes up and down, 5 ms after measurement."""
     def topic(stamps, values, frame_id, low=np.nan, high=np.nan):
-        return HeardTopic(stamps, stamps + 5_000_000, values, low, high, frame_id, 1)
+        return HeardTopic(stamps, values, low, high, arrivals=stamps + 5_000_000,
+                          frame_id=frame_id)
 
     found = {LOAD_TOPIC: topic(record.stamps, record.load, LOAD.frame_id)}
     for number, one in enumerate(PROBES):
