@@ -21,7 +21,7 @@ from saddlering_ros.identification import Identification, Validation
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.validation import Criterion, judge, validation_text
 from saddlering_ros.quantities import verdict_line
-from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, write_parameters
+from saddlering_ros.rig import PARAMETER_NAMES, write_parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -188,13 +188,13 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        answer = self.found
+        entries = {name: self.found.parameter_entry(index, name)
+                   for index, name in enumerate(PARAMETER_NAMES)}
         return columns_of([
-            {'parameter': name, 'value': float(getattr(answer.parameters.contact, name)),
-             'std': float(std) if answer.determined[name] else None,
-             **dict(zip(('low', 'high'), answer.intervals[name] or (None, None), strict=True)),
-             'unit': PARAMETER_UNITS[name], 'note': answer.reasons.get(name, '')}
-            for name, std in zip(PARAMETER_NAMES, answer.std, strict=True)])
+            {'parameter': name, 'value': entry['value'], 'std': entry['std'],
+             **dict(zip(('low', 'high'), entry['interval'] or (None, None), strict=True)),
+             'unit': entry['unit'], 'note': entry['reason'] or ''}
+            for name, entry in entries.items()])
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""

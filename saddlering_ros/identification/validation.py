@@ -72,6 +72,7 @@ def validate(
         if before_run is not None:
             before_run(number)
         compared.append(_compare(run, rig, parameters))
+    judged = []
     for one, noise in zip(compared, _noise_of(compared), strict=True):
         seen, zero = one.run, one.measured.zero
         variance = _input_variance(rig, parameters, seen, zero.load)
@@ -83,14 +84,10 @@ def validate(
             seen.channels[channel] = channel_figures(
                 seen, row, one.rests, process, one.interval, lasting, variance[row],
                 float(sound[row]))
-    return Validation(tuple(_noted(one.run) for one in compared), parameters)
-
-
-def _noted(run: RunValidation) -> RunValidation:
-    """A run with a note on its channels that hardly move."""
-    still = [name for name in CHANNELS[:3] if run.channels[name].slope_ratio is None]
-    return replace(run, notes=(*run.notes, HARDLY_MOVES.format(', '.join(still)))
-                   ) if still else run
+        still = [name for name in CHANNELS[:3] if seen.channels[name].slope_ratio is None]
+        judged.append(replace(seen, notes=(*seen.notes, HARDLY_MOVES.format(', '.join(still)))
+                              ) if still else seen)
+    return Validation(tuple(judged), parameters)
 
 
 @dataclass(frozen=True)
