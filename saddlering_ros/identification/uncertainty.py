@@ -34,14 +34,16 @@ IMPERFECTIONS: Mapping[str, SmallError] = {
     'axial_clearance': {'axial_clearance': {'change': 5e-6}},
     'radial_clearance': {'radial_clearance': {'change': 5e-6}},
     'elevation': {'elevation_error': {'angle': float(np.radians(0.1))}},
-    'load_gain': {'load_gain': {'gain': -0.005}}, 'delay': {'clock_offset': {'offset': DELAY}}}
+    'load_gain': {'load_gain': {'gain': -0.005}}, 'delay': {'clock_offset': {'offset': DELAY}},
+    'probe_gains': {'probe_gain': {'probe': 0.0, 'gain': 0.005}}}  # 0: of all four
 """Small errors that no fit can detect; the change of the parameters by each is reported."""
 
 IMPERFECTION_WORDS = {
     'load_nonlinearity': '0.1 % of full scale load nonlinearity',
     'axial_clearance': '5 µm of axial clearance', 'radial_clearance': '5 µm of radial clearance',
     'elevation': '0.1 deg of elevation', 'load_gain': '0.5 % of load gain',
-    'delay': '1 ms between the clocks of load and probes'}
+    'delay': '1 ms between the clocks of load and probes',
+    'probe_gains': '0.5 % of gain of all four probes alike'}
 
 
 @dataclass(frozen=True)
