@@ -70,6 +70,7 @@ class StreamingNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        launcher.widen_sockets()
         self.settings = parameters.declare(
             self, (AUTOSTART, parameters.HARDWARE_ID, *self.PARAMETERS))
         self.tasks: list[Task] = []

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -10,14 +13,16 @@ import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+import rclpy
 from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros import launcher
 from saddlering_ros.ros.launcher import NodeGroup, PACKED, PROFILE_VARIABLES, transport_environment
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 BURST = 3000
-"""Messages that do not fit into the receive buffer of a socket (208 kB); the rest is dropped."""
+"""Messages that do not fit into the receive buffer of a node's socket; the rest is dropped."""
 
 
 @pytest.mark.ros
@@ -144,3 +149,29 @@ def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
     monkeypatch.setenv(PROFILE_VARIABLES[1], '/the/users.xml')
     assert transport_environment() == transport_environment(PACKED) == {}
     assert PROFILE_VARIABLES[0] not in NodeGroup(1).environment
+
+
+@pytest.mark.ros
+def test_a_node_holds_more_than_the_block_of_a_driver_before_it_reads(ros_domain: int) -> None:
+    """Of 50 samples of five topics at once the last were lost, and probe 4 "did not read"."""
+    def buffers() -> dict[str, int]:
+        sizes = {}
+        for place in Path('/proc/self/fd').iterdir():
+            if place.is_symlink() and 'socket:' in os.readlink(place):
+                with socket.socket(fileno=os.dup(int(place.name))) as one:
+                    if one.type == socket.SOCK_DGRAM:
+                        sizes[os.readlink(place)] = one.getsockopt(
+                            socket.SOL_SOCKET, socket.SO_RCVBUF)
+        return sizes
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+        usual, before = plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF), buffers()
+    rclpy.init(args=[], domain_id=ros_domain)
+    node = StreamingNode('a_node')
+    try:
+        own = [size for name, size in buffers().items() if name not in before]
+        assert own
+        assert min(own) > usual
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
