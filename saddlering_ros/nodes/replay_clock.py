@@ -119,8 +119,7 @@ class ReplayClockNode(BagNode):
         self._waiting_for: list[str] = []
         self._began = self._advanced = self._said = time.monotonic()
         self._said_state = 0.0
-        self._timeouts = 0
-        self._speed = 0.0
+        self._timeouts, self._speed = 0, 0.0
         self._speed_from = (time.monotonic(), self._time)
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement]
 

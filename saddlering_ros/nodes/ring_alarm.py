@@ -46,7 +46,7 @@ class RingAlarmNode(streaming_node.StreamingNode):
     """Watches the residual; publishes a latched alarm, and a limit for an interlock."""
 
     PARAMETERS = (
-        streaming_node.INPUT_RELIABILITY,
+        streaming_node.INPUT_RELIABILITY, streaming_node.DISPLACEMENT_FRAME,
         NodeParameter('false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
                       'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
         NodeParameter(
@@ -56,7 +56,6 @@ class RingAlarmNode(streaming_node.StreamingNode):
         NodeParameter(
             'block', 0.02, 'time [s] over which residuals are averaged before they are judged',
             low=0.001, high=10.0, while_inactive=True),
-        NodeParameter('frame_id', 'ring', 'frame of the alarm: reference point C of the ring'),
     )
 
     def __init__(self) -> None:
@@ -68,7 +67,6 @@ class RingAlarmNode(streaming_node.StreamingNode):
         self._upstream: dict[str, tuple[RawSubscription, float]] = {}
         self._sought_at = 0.0
         self._lacks = stream.SEEN
-        self._published: tuple[object, ...] = ()
         self._logged = BLIND  # as a node is before it is active
         self._beaten = self._looked = 0.0
         self._make()
@@ -98,7 +96,7 @@ class RingAlarmNode(streaming_node.StreamingNode):
         """Watch anew, with the settings and the parameters that count now."""
         self._made_with = block, hours, percent = self._given()
         self._stream = stream.AlarmStream(self._rig, MonitorSettings(block, hours), percent)
-        self._published = ()
+        self._published: tuple[object, ...] = ()
         if self._offered is not None:
             self._use(self._offered)
 

@@ -84,8 +84,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
         self._watch = ElevationWatch(self)
-        self._arrived = 0.0
-        self._awaited = 0
+        self._arrived, self._awaited = 0.0, 0
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings['displaced_frame_id']

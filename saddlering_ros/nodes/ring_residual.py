@@ -21,8 +21,7 @@ class RingResidualNode(streaming_node.StreamingNode):
     """Joins both displacements by stamp and publishes /ring/residual."""
 
     PARAMETERS = (
-        streaming_node.INPUT_RELIABILITY,
-        NodeParameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
+        streaming_node.INPUT_RELIABILITY, streaming_node.DISPLACEMENT_FRAME,
         NodeParameter('needed_nodes', list(names(RING)), 'nodes that must be active and report '
                       'nothing but OK for the status `ready to test`'),
     )
@@ -31,8 +30,7 @@ class RingResidualNode(streaming_node.StreamingNode):
         super().__init__('ring_residual')
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
-        namespace = self.get_namespace()
-        prefix = '' if namespace == '/' else f'{namespace}/'
+        prefix = f'{self.get_namespace()}/'.replace('//', '')
         self._readiness = Readiness([
             f'{prefix}{name}' for name in self.settings['needed_nodes'] if name])
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 100)

@@ -58,12 +58,10 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._rig = declare_rig(self)
         self._agreement = rig_state.RigAgreement(self, self._rig)
         self._watch = rig_state.ElevationWatch(self, self._on_elevation)
-        self._elevation = math.nan
-        self._elevation_source = ''
+        self._elevation, self._elevation_source = math.nan, ''
         self._given = node_parameters.given_sections(self, ('contact', 'effects', 'source'))
         self._arrived = 0.0
-        self._refused = ''
-        self._parameters_stamp = 0
+        self._refused, self._parameters_stamp = '', 0
         self.offer(Trigger, '~/restart', self._on_restart)
         self.offer(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
@@ -97,8 +95,10 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         bag = self.settings['bag']
         self._started_with = math.nan
         if bag and math.isnan(self.settings['elevation_deg']):
-            from saddlering_ros.ros.bag_replay import bag_elevation
-            self._started_with = bag_elevation(bag)
+            from saddlering_ros.bags.reader import read_raw, usable_facts
+            record = read_raw(bag, [LOAD_TOPIC])
+            stated = usable_facts(record.path, record.facts, None, None).elevation_deg
+            self._started_with = math.nan if stated is None else math.radians(stated)
         self._take_elevation()
         self._make(chosen)
         self._in_force = chosen  # from now on, news of the elevation start it anew

@@ -1,6 +1,7 @@
 """Nodes that replay a bag: which bag they may read, and their topics as /clock reaches stamps."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 import time
 from typing import Any, ClassVar
@@ -10,8 +11,8 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 from rosgraph_msgs.msg import Clock
 
+from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.bags import read_raw
-from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.bags.wire import decode_time, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values
@@ -19,12 +20,12 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.batches import Samples, SECOND
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.record.topics import LOAD_TOPIC, TOPICS
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros import parameters
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
-from saddlering_ros.ros.names import CLOCK, NodeError
+from saddlering_ros.ros.names import CLOCK, NodeError, STATE
 from saddlering_ros.ros.parameters import NodeParameter
-from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
+from saddlering_ros.ros.raw_topics import LATCHED, message_class, RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
@@ -55,15 +56,15 @@ class BagNode(StreamingNode):
             if self._first_bag else share_directory() / 'bags')
         self.add_on_set_parameters_callback(self._judge_bag)
 
-    def startable(self) -> bool:
+    def start(self) -> None:
         """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
-        if not self._first_bag:
+        if self._first_bag:
+            super().start()
+        elif self.settings['autostart']:
             self.get_logger().info(
                 'no bag is given, so that nothing is replayed. To replay a bag of '
                 f'{self._bag_root}: ros2 param '
                 f'set {self.get_fully_qualified_name()} bag PATH, then ros2 lifecycle set')
-            return False
-        return True
 
     def read_record(self, topics: Sequence[str] | None = None) -> RawRecord:
         """The bag to replay now; NodeError for none, a forbidden one, or another rig's."""
@@ -89,14 +90,6 @@ class BagNode(StreamingNode):
 
 JUMP = 2 * SECOND
 """A larger step of the clock is a move by hand: samples in between are not published."""
-
-
-def bag_elevation(path: str) -> float:
-    """The elevation [rad] of a bag's test; BagError if the bag does not state it."""
-    record = read_raw(path, [LOAD_TOPIC])
-    facts = usable_facts(record.path, record.facts, None, None)
-    assert facts.elevation_deg is not None
-    return float(np.radians(facts.elevation_deg))
 
 
 class Track:
@@ -126,15 +119,19 @@ def topics_of(node: str) -> list[str]:
 
 
 class ReplayNode(BagNode):
-    """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer."""
+    """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer.
 
-    NAME: ClassVar[str]
+    Nothing while a replay_clock has another bag: load and probes would be of two recordings.
+    """
 
-    def __init__(self) -> None:
-        super().__init__(self.NAME)
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._topics = topics_of(name)
+        self._state = ReplayState()
+        self.create_subscription(ReplayState, STATE, partial(setattr, self, '_state'), LATCHED)
 
     def configure(self) -> None:
-        record = self.read_record(topics_of(self.NAME))
+        record = self.read_record(self._topics)
         for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
         for note in (*record.notes, *(note for name in record for note in record[name].notes)):
@@ -144,6 +141,7 @@ class ReplayNode(BagNode):
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = 0
+        self._path = record.path
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement, self.sources()]
 
     def connect(self) -> None:
@@ -167,22 +165,31 @@ class ReplayNode(BagNode):
         self._now = now
         for track, flow in zip(self._tracks, self.outputs, strict=True):
             samples = track.due(now)
-            if len(samples):
+            if len(samples) and (mixed := self._mixed()):
+                self.get_logger().error(mixed, once=True)
+            elif len(samples):
                 messages = encode_samples(samples, track.topic, track.raw.frame_id)
                 flow.send(messages, int(samples.stamps[-1]))
+
+    def _mixed(self) -> str:
+        """Why nothing is published, in words: a replay_clock has another bag; '' else."""
+        theirs = Path(self._state.bag)  # of another machine, perhaps: then the name counts
+        same = theirs.samefile(self._path) if theirs.exists() else theirs.name == self._path.name
+        if not self._state.bag or same or not self.count_publishers(STATE):
+            return ''
+        return (f'nothing is published: this node replays {self._path}, and replay_clock '
+                f'{theirs}: give both the same bag')
 
     def replayed_until(self) -> int:
         """The clock's time; 1 ns before there is any."""
         return self._now or 1
 
-    def lockstep_inputs(self) -> list[RawSubscription]:
-        """The clock is no stream one can be behind on."""
-        return []
-
     def _task_status(self) -> TaskStatus:
         sent = {flow.topic: str(flow.published) for flow in self.outputs}
-        figures = {**sent, 'jumps of the clock': str(self._jumps),
+        figures = {**sent, 'bag': self._path.name, 'jumps of the clock': str(self._jumps),
                    'malformed clock': str(sum(flow.malformed for flow in self.inputs))}
+        if mixed := self._mixed():
+            return TaskStatus(ERROR, mixed, figures)
         if not self._now:
             return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                               figures)

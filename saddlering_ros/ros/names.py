@@ -40,9 +40,9 @@ class NodeEntry:
 NODES = (
     NodeEntry('replay_clock', 'ReplayClockNode', TIME, 'replay/progress', '/clock, replay/state',
               '~/play, ~/pause, ~/step, ~/seek, ~/set_rate'),
-    NodeEntry('hydraulic_load', 'LoadReplay', REPLAY, '/clock, a bag',
+    NodeEntry('hydraulic_load', 'ReplayNode', REPLAY, '/clock, a bag',
               'rig/hydraulic_load; rig/elevation of a bag that holds it'),
-    NodeEntry('eddy_current', 'ProbeReplay', REPLAY, '/clock, a bag',
+    NodeEntry('eddy_current', 'ReplayNode', REPLAY, '/clock, a bag',
               'rig/eddy_current_1 to rig/eddy_current_4'),
     NodeEntry('ring_displacement', 'RingDisplacementNode', RING, 'load and probes',
               'ring/displacement, ring/zero_request', '~/zero'),

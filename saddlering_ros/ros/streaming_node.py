@@ -46,7 +46,7 @@ INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
                                  'else best effort', choices=raw_topics.RELIABILITIES)
 DISPLACEMENT_FRAME = NodeParameter(
-    'frame_id', 'ring', 'frame of the displacement: reference point C of the ring')
+    'frame_id', 'ring', 'frame of what is published: reference point C of the ring')
 MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
@@ -88,10 +88,6 @@ class StreamingNode(LifecycleNode):
 
     # --- for subclasses ---
 
-    def startable(self) -> bool:
-        """Whether the settings are enough to start by itself; logs the reason if not."""
-        return True
-
     def configure(self) -> None:
         """Read the settings and make the core."""
 
@@ -109,15 +105,11 @@ class StreamingNode(LifecycleNode):
         """For nodes that replay a bag: the time [ns] up to which everything is published."""
         return 0
 
-    def lockstep_inputs(self) -> list[raw_topics.RawSubscription]:
-        """The subscriptions a replay in lockstep waits for."""
-        return self.inputs
-
     # --- lifecycle ---
 
     def start(self) -> None:
         """Configure and activate, if `autostart` is set; raises the error that prevents it."""
-        if not self.settings['autostart'] or not self.startable():
+        if not self.settings['autostart']:
             return
         self._is_starting = True
         for step in (self.trigger_configure, self.trigger_activate):
@@ -252,7 +244,7 @@ class StreamingNode(LifecycleNode):
         self._told, self._untold = now, False
         if self._progress.get_subscription_count():
             self._progress.publish(progress_of(
-                self.get_name(), self.lockstep_inputs(), self.outputs, self.replayed_until()))
+                self.get_name(), self.inputs, self.outputs, self.replayed_until()))
 
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now

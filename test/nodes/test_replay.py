@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import shutil
 import socket
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
-from rosnet import Client, wait_until
+from rosnet import ANEW, Client, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.replay_clock import shortest_time_of
+from saddlering_ros.ros.bag_replay import ReplayNode
 from saddlering_ros.ros.launcher import NodeGroup, start_nodes
 from saddlering_ros.ros.messages import LockstepGroup, SPECTATOR_LEASE, to_time
 from saddlering_ros.ros.names import CLOCK, NodeError, PROGRESS
@@ -131,6 +134,48 @@ def test_a_replay_starts_without_a_live_page_and_knows_how_far_the_page_is_behin
     assert group.spectators_lag(SPECTATOR_LEASE + 1.0) == 0
     group.hear(said('saddlering_live_7'), 0.0)  # the page leaves
     assert group.spectators_lag(1.0) == 0
+
+
+def test_load_and_probes_of_two_bags_are_not_mixed(
+        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+    """Each node is set by itself, and both recordings may have the same stamps."""
+    other = shutil.copytree(bag, bag_root / 'other', dirs_exist_ok=True)
+    group.start('eddy_current', {'bag': str(other)})
+    group.start('hydraulic_load', {'bag': str(bag)})
+    group.start('replay_clock', {'bag': str(bag), 'participants': [
+        'eddy_current', 'hydraulic_load'], 'clock_rate': 20.0})
+
+    def told(node: str, words: str) -> bool:
+        return words in heard.diagnostics.get(f'{node}: replay', (0, ''))[1]
+
+    wait_until(lambda: told('hydraulic_load', 'all messages are published'), what='the end')
+    wait_until(lambda: told('replay_clock', 'at its end'), what='the end')
+    assert heard.diagnostics['eddy_current: replay'] == (2, (
+        f'nothing is published: this node replays {other}, and replay_clock {bag}: '
+        'give both the same bag'))
+    assert not sum(heard.progress['eddy_current'].published)
+
+    assert set_parameter(heard, 'eddy_current', 'bag', str(bag)).successful
+    lead(heard, 'eddy_current', *ANEW)
+    assert heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=0.0)).success
+    assert set_parameter(heard, 'eddy_current', 'bag', str(other)).successful
+    assert heard.call(Trigger, '/replay_clock/play').success
+    wait_until(lambda: sum(heard.progress['eddy_current'].published) > 0, what='it publishes')
+    wait_until(lambda: told('eddy_current', 'all messages are published'), what='the end')
+    assert heard.figures['eddy_current: replay']['bag'] == bag.name, 'the one it was made with'
+
+
+@pytest.mark.parametrize(('other', 'is_same'), [
+    ('bag', True), ('link', True), ('/elsewhere/bag', True), ('/elsewhere/two', False),
+    ('two', False), ('two/bag', False)])
+def test_a_bag_is_known_by_its_place_or_by_its_name_on_another_machine(
+        other: str, is_same: bool, tmp_path: Path) -> None:
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'two' / 'bag').mkdir(parents=True)
+    (tmp_path / 'link').symlink_to(tmp_path / 'bag')
+    node: Any = SimpleNamespace(_path=tmp_path / 'bag', count_publishers=lambda topic: 1,
+                                _state=ReplayState(bag=str(tmp_path / other)))
+    assert bool(ReplayNode._mixed(node)) != is_same
 
 
 PAGE = 'saddlering_live_7'
