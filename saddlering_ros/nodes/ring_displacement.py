@@ -12,6 +12,8 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.driver import skew_findings
+from saddlering_ros.doubts.wiring import wiring_findings
+from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.displacement import DisplacementStream, ZeroNoise
 from saddlering_ros.record.topics import LOAD, PROBES
@@ -26,6 +28,12 @@ from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_stat
 
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
+
+MAX_ROWS = 2000
+"""Of more rows since the zero, in which wiring is looked for, every second one is kept."""
+
+PARITY_SIGMAS = 5.0
+"""A mean parity beyond so many times its noise is no noise: once in two million periods."""
 
 FRAME_PERIOD = 0.02
 """Shortest time [s] from one transform on /tf to the next; viewers draw no faster."""
@@ -84,7 +92,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
         self._watch = ElevationWatch(self)
-        self._arrived, self._awaited = 0.0, 0
+        self._arrived, self._awaited, self._zero_stamp = 0.0, 0, 0
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings['displaced_frame_id']
@@ -95,18 +103,18 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         self._topics = (LOAD, *(PROBES[number - 1] for number in probes.present))
         self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
         self._noise = ZeroNoise()
+        self._parity, self._since_zero = diagnostics.Kept(), diagnostics.Kept()
         lowest = self.settings['lowest_rate']
         names = [topic.name for topic in self._topics]
         self._streams = [diagnostics.StreamTask(topic, lowest_rate=lowest) for topic in names]
         self._saturation = [diagnostics.SaturationTask(topic, probes.min_range, probes.max_range)
                             for topic in names[1:]]
-        self._parity = diagnostics.ParityTask(lambda: float(self.settings['parity_noise']))
         self.tasks = [
             diagnostics.FunctionTask('zero', self._zero_status),
             diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
             diagnostics.FunctionTask('clocks', self._clocks_status),
-            *self._saturation, self._parity, self._agreement, self.sources(),
-            self.events(self._stream.events, harmless=('reordered',))]
+            *self._saturation, diagnostics.FunctionTask('parity', self._parity_status),
+            self._agreement, self.sources(), self.events(self._stream.events, ('reordered',))]
 
     def connect(self) -> None:
         wanted = self.settings['input_reliability']
@@ -145,6 +153,11 @@ class RingDisplacementNode(streaming_node.StreamingNode):
 
     def _send(self, batch: Displacements) -> None:
         if len(batch):
+            if batch.zero_stamps[-1] != self._zero_stamp:
+                self._zero_stamp = int(batch.zero_stamps[-1])
+                self._since_zero.taken()
+            for rows in self._stream.aligned:
+                self._since_zero.push(np.vstack([rows.loads, rows.gaps]).ravel('F'))
             self._parity.push(batch.channels[3])
             self._noise.push(batch.zero_stamps, batch.channels)
             self.outputs[0].send(encode_displacements(batch, self.settings['frame_id'],
@@ -165,11 +178,17 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                 f'{self._rig.force_words(self._stream.load, 2)}; the simulator follows')
 
     def _probes_status(self) -> TaskStatus:
+        since_zero = self._since_zero.taken().reshape(-1, 5)
+        self._since_zero.push(since_zero[::1 + len(since_zero) // MAX_ROWS].ravel())
         absent, zero = self._rig.probes.absent, self._stream.zero
         silent = [number for number, count in enumerate(self._stream.take_missing(), 1)
                   if count and number != absent]
         missing = silent or [number for number, gap in enumerate(
             zero.reading.gaps if zero else (), 1) if math.isnan(gap) and number != absent]
+        wrong = [] if missing or not len(since_zero) else wiring_findings(
+            self._rig, self._stream.elevation, since_zero[:, 0], since_zero[:, 1:].T)
+        if wrong:
+            return TaskStatus(WARN, '; '.join(map(str, wrong)))
         if not missing:
             return TaskStatus(OK, 'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '
@@ -188,6 +207,21 @@ class RingDisplacementNode(streaming_node.StreamingNode):
             return TaskStatus(OK, 'no difference between load and probes is seen')
         more = f'; {len(found) - 1} more topics likewise' if len(found) > 1 else ''
         return TaskStatus(WARN, f'{found[0]}{more}')
+
+    def _parity_status(self) -> TaskStatus:
+        """Mean parity against its noise; NaN where a probe is missing."""
+        parity = self._parity.taken()
+        parity = parity[np.isfinite(parity)]
+        if not len(parity):
+            return TaskStatus(OK, 'no displacement yet')
+        mean, limit = float(parity.mean()), PARITY_SIGMAS * self.settings['parity_noise']
+        figures = {'mean [um]': f'{mean * 1e6:.3f}',
+                   'peak [um]': f'{float(np.abs(parity).max()) * 1e6:.3f}',
+                   'limit of the mean [um]': f'{limit * 1e6:.3f}'}
+        if abs(mean) > limit:
+            return TaskStatus(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
+                                    '1 and 3 do not belong to one rigid ring', figures)
+        return TaskStatus(OK, 'zero within noise', figures)
 
     def _zero_status(self) -> TaskStatus:
         zero = self._stream.zero

@@ -40,9 +40,10 @@ class RingResidualNode(streaming_node.StreamingNode):
         self._streams = [diagnostics.StreamTask(f'/{topic}')
                          for topic in (DISPLACEMENT, SIMULATED)]
         self._awaited = 0
-        self._sizes = ResidualTask()
+        self._sizes = diagnostics.Kept()
         self.tasks = [*self._streams, diagnostics.FunctionTask('zero', self._zero_status),
-                      self._sizes, self._agreement, self.sources(),
+                      diagnostics.FunctionTask('residual', self._residual_status),
+                      self._agreement, self.sources(),
                       diagnostics.Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:
@@ -63,7 +64,7 @@ class RingResidualNode(streaming_node.StreamingNode):
         if not all(missing):
             self._awaited = missing.index(True) if any(missing) else 0
         if len(residual):
-            self._sizes.push(residual.channels.T)
+            self._sizes.push(residual.channels.ravel('F'))
             covariance = sum(covariance_of(flow.newest) for flow in self.inputs)
             self.outputs[0].send(encode_displacements(residual, self.settings['frame_id'],
                                                       np.asarray(covariance)),
@@ -84,16 +85,9 @@ class RingResidualNode(streaming_node.StreamingNode):
                                     'subtracted: call /ring_displacement/zero', figures)
         return TaskStatus(OK, 'measured and simulated have the same zero', figures)
 
-
-class ResidualTask(diagnostics.Kept):
-    """Root mean squares of residuals, pushed as (N, 4) [m, m, rad, m]."""
-
-    name = 'residual'
-    NONE = np.empty((0, len(CHANNELS)))
-
-    def report(self, elapsed: float) -> TaskStatus:
-        """Number and sizes of the residuals of the period."""
-        numbers = self.taken()
+    def _residual_status(self) -> TaskStatus:
+        """Number and root mean squares of the residuals of the period."""
+        numbers = self._sizes.taken().reshape(-1, len(CHANNELS))
         counts = np.isfinite(numbers).sum(axis=0)
         if not counts.any():
             return TaskStatus(OK, 'no residual yet')

@@ -175,7 +175,7 @@ class DisplacementStream:
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
-        self.load = float('nan')
+        self.load, self.aligned = float('nan'), list[AlignedRows]()
         self._restart = 0
         self._heard = 0.0
         self._unheard = np.zeros(4)
@@ -249,7 +249,7 @@ class DisplacementStream:
         return 0 if self.aligner.pending or self.rows == rows_before else None
 
     def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
-        measured = []
+        measured, self.aligned = [], aligned
         for batch in aligned:
             all_given = np.count_nonzero(batch.given) == len(batch)
             rows = batch if all_given else batch.pick(batch.published)

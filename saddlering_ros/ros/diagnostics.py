@@ -13,7 +13,6 @@ from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.doubts.readings import unit_outside
-from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -23,9 +22,6 @@ STATE_TASK, ACTIVE = 'state', 'active'
 
 ENOUGH_INTERVALS = 8
 """So many intervals of one period have a median of their own."""
-
-PARITY_SIGMAS = 5.0
-"""A mean parity beyond so many times its noise is no noise: once in two million periods."""
 
 
 @dataclass(frozen=True)
@@ -156,30 +152,6 @@ class SaturationTask(Kept):
             return TaskStatus(ERROR, f"{count} readings are at an end of the probe's range{hint}: "
                               'check position and unit of the probe', figures)
         return TaskStatus(OK, 'inside its range', figures)
-
-
-class ParityTask(Kept):
-    """Mean parity [m] of the radial probes against its noise; NaN where a probe is missing."""
-
-    name = 'parity'
-
-    def __init__(self, noise: Callable[[], float]) -> None:
-        super().__init__()
-        self._noise = noise
-
-    def report(self, elapsed: float) -> TaskStatus:
-        parity = self.taken()
-        parity = parity[np.isfinite(parity)]
-        if not len(parity):
-            return TaskStatus(OK, 'no displacement yet')
-        mean, limit = float(parity.mean()), PARITY_SIGMAS * self._noise()
-        figures = {'mean [um]': f'{mean * 1e6:.3f}',
-                   'peak [um]': f'{float(np.abs(parity).max()) * 1e6:.3f}',
-                   'limit of the mean [um]': f'{limit * 1e6:.3f}'}
-        if abs(mean) > limit:
-            return TaskStatus(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
-                                    '1 and 3 do not belong to one rigid ring', figures)
-        return TaskStatus(OK, 'zero within noise', figures)
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import time
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
+from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import RingParameters
@@ -28,6 +30,7 @@ from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_
 from saddlering_ros.rig.drawing import dotted, entry_values
 from saddlering_ros.ros import diagnostics
 from saddlering_ros.ros.diagnostics import ERROR, Events, Namesakes, OK, StreamTask, WARN
+from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import rig_words
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -107,10 +110,31 @@ def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() ->
                            ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown'),
                            ([0] * 4, 'probe 2 did not read at the zero, delta_y and gamma unknown')
                            ):
-        node: Any = SimpleNamespace(_rig=default_rig(), _stream=SimpleNamespace(
-            take_missing=lambda missing=missing: missing, zero=zero))
+        node: Any = SimpleNamespace(
+            _rig=default_rig(), _since_zero=diagnostics.Kept(), _stream=SimpleNamespace(
+                take_missing=lambda missing=missing: missing, zero=zero))
         found = RingDisplacementNode._probes_status(node)
         assert (found.level, found.words.partition(':')[0]) == (ERROR, words)
+
+
+@pytest.mark.ros
+def test_a_reversed_probe_is_told_while_the_load_moves_and_forgotten_with_the_zero(
+        group: NodeGroup, heard: Client, record) -> None:
+    """Its displacement is wrong, and the commands tell it of the bag afterwards only."""
+    group.start('ring_displacement', {'elevation_deg': 50.0})
+    driver = Driver(heard)
+    wait_until(lambda: driver.matched(1), 80.0, 'all are matched')
+    first, reversed_, third, fourth = record.gaps
+    reversed_ = 2.0 * reversed_[0] - reversed_
+    driver.send(replace(record, gaps=[first, reversed_, third, fourth]), slice(0, 1000))
+
+    def told() -> tuple[int, str]:
+        return heard.diagnostics.get('ring_displacement: probes', (0, ''))
+
+    wait_until(lambda: told()[0] == WARN, what='it is told')
+    assert told()[1].startswith('wrong polarity of probe 2 (rig.probes.polarity): µm per')
+    driver.send(record.later(100.0), slice(0, 1000))
+    wait_until(lambda: told()[0] == OK, what='another zero')
 
 
 def test_a_lapse_of_the_promise_is_a_warning_for_some_seconds_or_for_good() -> None:
