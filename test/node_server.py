@@ -199,7 +199,7 @@ def _forked(question: dict[str, Any], files: Sequence[int], pipe: socket.socket)
 
 def _become(question: dict[str, Any], output: int, lifeline: int) -> None:
     """Be what `python -m MODULE WORDS` would be."""
-    from saddlering_ros.ros.launcher import end_at_once
+    from saddlering_ros.nodes import end_at_once
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)

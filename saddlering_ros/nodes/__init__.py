@@ -1,7 +1,19 @@
 """The executables: one module per node, thin over `record`, `jobs` and `ros`."""
 
-from saddlering_ros.ros.launcher import check_ros, end_at_once, is_node_program
+import os
+import signal
+import sys
 
-if is_node_program():
+from saddlering_ros.ros.names import names, NODES
+
+
+def end_at_once() -> None:
+    """From now on, SIGINT and SIGTERM end the process: no resource is open yet."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
+
+
+if os.path.basename(sys.argv[0]) in names() or {node.module for node in NODES} & {*sys.orig_argv}:
+    end_at_once()  # as a node, by its executable or by `python -m`
+    from saddlering_ros.ros.launcher import check_ros
     check_ros()
-    end_at_once()

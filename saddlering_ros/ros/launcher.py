@@ -25,7 +25,7 @@ import time
 from typing import Any
 
 from saddlering_ros.files import check_writable, share_directory, temporary_folder
-from saddlering_ros.ros.names import ALARM, names, NodeError, NODES, REPLAY, RING
+from saddlering_ros.ros.names import ALARM, names, NodeError, REPLAY, RING
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
@@ -311,24 +311,12 @@ def signals_held() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def is_node_program() -> bool:
-    """Whether this process was started as a node: by its executable, or by `python -m`."""
-    modules = {node.module for node in NODES}
-    return Path(sys.argv[0]).name in names() or any(word in modules for word in sys.orig_argv)
-
-
 def check_ros() -> None:
     """End a node in one line where ROS is missing, as in an environment of the wheel alone."""
     for package in ('rclpy', 'saddlering_interfaces'):
         if importlib.util.find_spec(package) is None:
             sys.exit(f'{Path(sys.argv[0]).name}: Python package {package} is not installed here; '
                      'docs/install.md states how ROS 2 Jazzy gets there')
-
-
-def end_at_once() -> None:
-    """From now on, SIGINT and SIGTERM end the process: no resource is open yet."""
-    for number in SIGNALS:
-        signal.signal(number, lambda *_: os._exit(0))
 
 
 DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')

@@ -17,6 +17,13 @@ RIG = Path(__file__).parents[2] / 'config' / 'rig.yaml'
 CODE = """
 import os, signal, sys
 sys.argv[0] = sys.argv[1]
+
+class FirstImport:
+    def find_spec(self, name, *_):
+        if name == 'saddlering_ros.ros.launcher':
+            os.kill(os.getpid(), getattr(signal, sys.argv[2]))
+
+sys.meta_path.insert(0, FirstImport())
 import saddlering_ros.nodes
 os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 print('goes on')
