@@ -61,7 +61,10 @@ INCLINOMETER, SCALE = math.radians(0.02), 1e-3
 """Standard deviations of an inclinometer [rad] and of a measured height [m]."""
 
 
-def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig) -> str | None:
+def next_test(
+    diagnosis: discrepancy.Diagnosis, fitted: Sequence[Record], held_out: Sequence[Record],
+    rig: Rig,
+) -> str | None:
     """The most valuable next test, and the cause that each outcome means.
 
     With `unknown` the rig file comes before the hardware, if no hash identifies the file: a wrong
@@ -73,6 +76,7 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     free = (discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
             or discrepancy.wording.fit_too_words(diagnosis.remainder))
     # Static tests at two elevations leave nothing for a test at another one.
+    runs = [*fitted, *held_out]
     static = distinct_elevations(run.elevation for run in runs if run.test == 'static')
     tests = tuple(test for test in RIG_TESTS if static < 2 or test.id != 'other_elevation')
     if diagnosis.verdict == 'unknown':
@@ -90,6 +94,8 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         after = diagnosis.residual_after
         is_told = not parting or shapes_left(after) or after.fast.visible >= MATERIAL
         rest = for_residual(after, diagnosis.law) if is_told else ''
+        # What these runs cannot separate, they can with the other elevation.
+        free = free if free.startswith('Fit') else at_another_elevation(fitted, held_out) or free
         return ' '.join(filter(None, (free, first, parting, rest)))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
@@ -108,6 +114,15 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
         for cause in diagnosis.causes if cause.elsewhere)
     return ' '.join(filter(None, (free, first, sentence, places)))
+
+
+def at_another_elevation(fitted: Sequence[Record], held_out: Sequence[Record]) -> str:
+    """The test that needs no record, if all fitted runs have one elevation; else ''."""
+    usual = [run.elevation for run in fitted]
+    names = [run.name for run in held_out
+             if distinct_elevations(usual) == 1 < distinct_elevations([*usual, run.elevation])]
+    return (f'Fit {discrepancy.wording.joined(names)} too: at one elevation many causes look '
+            'alike.') if names else ''
 
 
 def _place_of(cause: discrepancy.Cause) -> str:

@@ -77,7 +77,7 @@ def diagnose_ring(
             'explain this here, and so could a small cause')
     sentence = ' '.join(filter(None, (
         wiring_first(rig, [record.test_run for record in records]),
-        next_test(diagnosis, [*runs, *hold_out], rig))))
+        next_test(diagnosis, runs, hold_out, rig))))
     rigs = prepared.rigs_of(records)
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.

@@ -124,10 +124,10 @@ def test_a_simulated_test_states_which_alternatives_it_parts(together, words):
         separations=[replace(one, together=together)],
         causes=[SimpleNamespace(effect='load_gain', group=group)], explained=0.3, law=None,
         residual_after=AFTER)
-    told = next_test.next_test(found, [], default_rig())
+    told = next_test.next_test(found, [], [], default_rig())
     assert told == f'If the cause is {told_titles(group)}: {sentence} {told_swap()}'
     found.residual_after = SimpleNamespace(fast=STILL, shapes=[])
-    told = next_test.next_test(found, [], default_rig())
+    told = next_test.next_test(found, [], [], default_rig())
     assert told == f'If the cause is {told_titles(group)}: {sentence}'
 
 
@@ -148,20 +148,34 @@ def test_each_group_is_told_what_parts_it(verdict, explained, together, words):
         separations=[replace(one, together=together)], causes=[
             SimpleNamespace(effect=group[0], group=group, elsewhere=()) for group in groups],
         explained=explained, law=None, residual_after=AFTER)
-    assert words in next_test.next_test(found, [], default_rig())
+    assert words in next_test.next_test(found, [], [], default_rig())
 
 
 def told_swap() -> str:
     return next_test.for_residual(AFTER)
 
 
-def an_unknown(explained: float, *group: str, law=None) -> str:
+def an_unknown(explained: float, *group: str, law=None, runs=((), ())) -> str:
     """The next test of an `unknown` whose causes explain this share of the misfit."""
     cause = SimpleNamespace(effect=group[0], group=group)
     found = SimpleNamespace(
         verdict='unknown', held_out_evidence=(), remainder=(), separations=(), causes=[cause],
         law=law, explained=explained, residual_after=AFTER)
-    return next_test.next_test(found, [], default_rig())
+    return next_test.next_test(found, *runs, default_rig())
+
+
+@pytest.mark.parametrize(('fitted', 'held_out', 'words'), [
+    ((50.0, 50.0), (70.0, 50.0), 'Fit run_2 too: at one elevation many causes look alike. '),
+    ((50.0, 70.0), (30.0,), ''), ((50.0,), (50.0,), ''), ((50.0,), (), '')])
+def test_a_held_out_run_at_another_elevation_is_the_first_test_of_an_unknown(
+    fitted, held_out, words,
+):
+    """A ring whose five bags name an elevation error was told to record a fast ramp."""
+    runs = [SimpleNamespace(name=f'run_{number}', test='static', elevation=math.radians(degrees),
+                            rig_hash=default_rig().digest)
+            for number, degrees in enumerate((*fitted, *held_out))]
+    told = an_unknown(0.014, 'bolt_opening', runs=(runs[:len(fitted)], runs[len(fitted):]))
+    assert told == words + told_swap()
 
 
 def test_causes_that_explain_little_get_no_test_of_their_own():
@@ -201,14 +215,14 @@ def test_a_test_at_another_elevation_is_not_proposed_where_two_were_recorded():
         observability=SimpleNamespace(labels=labels, cosines=cosines))
     one, other, fast = (SimpleNamespace(test=test, elevation=math.radians(degrees))
                         for test, degrees in (('static', 38), ('static', 62), ('dynamic', 62)))
-    told = next_test.next_test(found, [one, fast], default_rig())
+    told = next_test.next_test(found, [one, fast], [], default_rig())
     assert 'Repeat the static test at another elevation.' in told
     assert 'ovalisation' not in told  # that of probe 1 alone looks alike
-    told = next_test.next_test(found, [one, other], default_rig())
+    told = next_test.next_test(found, [one, other], [], default_rig())
     assert told.startswith('To confirm probe bracket bends with load: Swapped probes')
     found.remainder = (SimpleNamespace(run='static_62', along='time'),
                        SimpleNamespace(run='static_70', along=''))
-    told = next_test.next_test(found, [one, other], default_rig())
+    told = next_test.next_test(found, [one, other], [], default_rig())
     assert told.startswith('Fit static_70 too, which the model does not predict. To confirm ')
 
 
@@ -386,7 +400,7 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
         verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
         held_out_evidence=(), remainder=(), explained=0.0, law=None)
     run = SimpleNamespace(rig_hash=rig_hash, test='static', elevation=0.0)
-    sentence = next_test.next_test(found, [run], default_rig())
+    sentence = next_test.next_test(found, [run], [], default_rig())
     assert (SWAP in sentence) == (verdict == 'unknown')
     assert sentence.startswith('First compare the rig file') == is_first
 
@@ -428,7 +442,7 @@ def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_reco
     found = SimpleNamespace(
         verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=(),
         remainder=())
-    sentence = next_test.next_test(found, [], default_rig())
+    sentence = next_test.next_test(found, [], [], default_rig())
     free, drawing, record = (sentence.index(words) for words in (
         'Fit static_70 too: the model with wrong moment arm predicts static_70 best (over 99 %',
         'First compare the rig file with the drawing and the ring: ', ' means '))
