@@ -17,6 +17,7 @@ import os
 from pathlib import Path
 import signal
 import socket
+import stat
 from subprocess import DEVNULL, Popen, STDOUT
 import sys
 import tempfile
@@ -364,10 +365,12 @@ driver that sends blocks of 250, a quarter came 3 s later, when the driver's mid
 
 def widen_sockets() -> None:
     """Ask for larger receive buffers: rmw_fastrtps takes none from a profile with LOCALHOST."""
-    for name in os.listdir('/proc/self/fd'):
-        with contextlib.suppress(OSError), socket.fromfd(
-                int(name), socket.AF_INET, socket.SOCK_DGRAM) as one:
-            one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+    for number in map(int, os.listdir('/proc/self/fd')):
+        with contextlib.suppress(OSError):  # of the folder itself, which is closed by now
+            if not stat.S_ISSOCK(os.fstat(number).st_mode):
+                continue  # `fromfd` would leave a copy of it open
+            with socket.fromfd(number, socket.AF_INET, socket.SOCK_DGRAM) as one:
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
 
 
 YOUNG = 2.0

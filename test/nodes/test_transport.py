@@ -151,6 +151,14 @@ def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
     assert PROFILE_VARIABLES[0] not in NodeGroup(1).environment
 
 
+def test_larger_buffers_cost_no_file_descriptor() -> None:
+    """A copy of every open file was left, and the copies were copied by the next node."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM):
+        before = len(os.listdir('/proc/self/fd'))
+        launcher.widen_sockets()
+        assert len(os.listdir('/proc/self/fd')) == before
+
+
 @pytest.mark.ros
 def test_a_node_holds_more_than_the_block_of_a_driver_before_it_reads(ros_domain: int) -> None:
     """Of 50 samples of five topics at once the last were lost, and probe 4 "did not read"."""
