@@ -118,6 +118,14 @@ def topics_of(node: str) -> list[str]:
     return [topic.name for topic in TOPICS.values() if topic.replayed_by == node]
 
 
+def _is_same(theirs: Path, own: Path) -> bool:
+    """Whether both are one bag, as its folder or as a file in it; elsewhere, by their names."""
+    pairs = ((theirs, own), (theirs.parent, own), (theirs, own.parent))
+    if theirs.exists() and own.exists():
+        return any(one.samefile(other) for one, other in pairs)
+    return any(one.name == other.name for one, other in pairs)
+
+
 class ReplayNode(BagNode):
     """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer.
 
@@ -173,9 +181,8 @@ class ReplayNode(BagNode):
 
     def _mixed(self) -> str:
         """Why nothing is published, in words: a replay_clock has another bag; '' else."""
-        theirs = Path(self._state.bag)  # of another machine, perhaps: then the name counts
-        same = theirs.samefile(self._path) if theirs.exists() else theirs.name == self._path.name
-        if not self._state.bag or same or not self.count_publishers(STATE):
+        theirs = Path(self._state.bag)
+        if not self._state.bag or _is_same(theirs, self._path) or not self.count_publishers(STATE):
             return ''
         return (f'nothing is published: this node replays {self._path}, and replay_clock '
                 f'{theirs}: give both the same bag')

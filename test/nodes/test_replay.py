@@ -166,12 +166,14 @@ def test_load_and_probes_of_two_bags_are_not_mixed(
 
 
 @pytest.mark.parametrize(('other', 'is_same'), [
-    ('bag', True), ('link', True), ('/elsewhere/bag', True), ('/elsewhere/two', False),
-    ('two', False), ('two/bag', False)])
+    ('bag', True), ('link', True), ('bag/bag_0.mcap', True), ('/elsewhere/bag', True),
+    ('/elsewhere/bag/bag_0.mcap', True), ('/elsewhere/two', False), ('two', False),
+    ('two/bag', False)])
 def test_a_bag_is_known_by_its_place_or_by_its_name_on_another_machine(
         other: str, is_same: bool, tmp_path: Path) -> None:
-    (tmp_path / 'bag').mkdir()
     (tmp_path / 'two' / 'bag').mkdir(parents=True)
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'bag_0.mcap').touch()
     (tmp_path / 'link').symlink_to(tmp_path / 'bag')
     node: Any = SimpleNamespace(_path=tmp_path / 'bag', count_publishers=lambda topic: 1,
                                 _state=ReplayState(bag=str(tmp_path / other)))
