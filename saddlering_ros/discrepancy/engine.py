@@ -284,30 +284,32 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
         return None, [wording.NO_SMALL_ERRORS]
     if not among.best.visible:
         return None, []
-    best, space = among.best, among.space
+    best, space, rounds = among.best, among.space, among.space.settings.max_rounds
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
-
-    search = replace(strict, space=space, fit=best.fit, alternatives={})
     sources = [model.fit for model in among.likely]
     otherwise = [*publishing.plain_fits(space.problem, sources[:1]),
-                 among.beside_larger_errors(space.settings.max_rounds)]
+                 among.beside_larger_errors(rounds)]
+
+    def without(search: Search, names: Collection[str]) -> tuple[Search, Publication]:
+        """The search without effects, of which the others keep their size, and its numbers."""
+        kept = {*search.fit.candidate.ids} - {*names}
+        search = replace(search, fit=fitting.refit_base(space.metric, search.fit, kept, rounds))
+        return search, publish_settled(search, sources, otherwise, before, after)
+
+    search = replace(strict, space=space, fit=best.fit, alternatives={})
     published = publish_settled(search, sources, otherwise, before, after)
     main, small = established.main_among(among, published)
+    if stopped := established.stopped_effects(space, best.fit) - {main}:  # these are no causes
+        search, published = without(search, stopped)
     doubts, group = established.doubts_among(among, main, published)
     left_out = {*small, *established.small_secondary_causes(published, main)}
-
-    def only(fit: Fit, names: Collection[str]) -> Fit:
-        """Some effects of a fit alone, of the size that they have beside the others."""
-        return fitting.refit_base(space.metric, fit, names, space.settings.max_rounds)
-
     if group:
-        search = replace(search, alternatives={
-            main: tuple(only(other.fit, {name}) for name, other in group.items())})
+        search = replace(search, alternatives={main: tuple(
+            fitting.refit_base(space.metric, other.fit, {name}, rounds)
+            for name, other in group.items())})
         published = publish_settled(search, sources, otherwise, before, after)
     while not doubts and left_out:
-        names = {*search.fit.candidate.ids} - left_out
-        search = replace(search, fit=only(search.fit, names))
-        published = publish_settled(search, sources, otherwise, before, after)
+        search, published = without(search, left_out)
         left_out = {*established.small_secondary_causes(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),

@@ -192,6 +192,17 @@ def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
     assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])
 
 
+def test_a_second_cause_whose_shape_is_at_its_bound_hinders_no_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside friction of 127 times the small errors, a worn arc at its bound refused its name."""
+    monkeypatch.setattr(established, '_stopped_shapes', lambda space, fit: [
+        (effect, effect.size, 1.0) for effect, _ in fit.candidate.effects if effect.id == 'cubic'])
+    found = diagnosed({**SMALL, 'friction': 0.4, 'cubic': 0.25}, *SHAPES)
+    assert (found.verdict, [cause.effect for cause in found.causes]) == ('named', ['friction'])
+    assert not found.complete
+
+
 def test_second_causes_that_may_be_nothing_or_surely_predict_worse_are_small() -> None:
     """A drift of a probe that predicts worse took the name from the friction of a ring."""
     def cause(name: str, std: float, low: float) -> Cause:

@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.system import Effect, Parameter
 from saddlering_ros.discrepancy.search import evidence
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
-from saddlering_ros.discrepancy.search.selection import Search
+from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
 from saddlering_ros.discrepancy.search.small_errors import Model
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
@@ -138,8 +139,9 @@ def wrong_inputs(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     return [wording.WRONG_INPUTS.format(wording.joined(titles))] if titles else []
 
 
-def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every shape, or whole size, of a cause that is stopped by its bound.
+def _stopped_shapes(
+    space: spaces.ModelSpace, fit: Fit) -> list[tuple[Effect, Parameter, float]]:
+    """Every shape, or whole size, of a cause that is stopped by its bound, and this bound.
 
     It is stopped if the misfit beyond the bound would fall by more than noise and the form
     error of the effect explain. A shape at its neutral value or at its start is not stopped.
@@ -151,7 +153,7 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     floor = evidence.alternative_floor(space.pairs, settings)
     form_error = 0.0 if problem.assumptions.exact_laws else settings.form_error
     taken = max(space.base.misfit - fit.misfit, 0.0)
-    sentences = []
+    stopped = []
     for effect, _, indices in fit.candidate.slices(len(problem.system.base_parameters)):
         shapes = zip(effect.ordered, fit.theta_unit[indices], slopes[indices],
                      variances[indices], strict=True)
@@ -165,10 +167,21 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
             is_stopped = (bound == parameter.whole if parameter is effect.size
                           else bound not in (parameter.neutral, parameter.start))
             if beyond > allowed and is_stopped:
-                value = parameter.from_unit(float(theta_unit))
-                sentences.append(wording.SHAPE_AT_BOUND.format(
-                    problem.titles[effect.id], parameter.name, quantity(value, parameter.unit)))
-    return sentences
+                stopped.append((effect, parameter, parameter.from_unit(float(theta_unit))))
+    return stopped
+
+
+def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
+    """A sentence for every shape, or whole size, of a cause that is stopped by its bound."""
+    return [wording.SHAPE_AT_BOUND.format(
+                space.problem.titles[effect.id], parameter.name, quantity(value, parameter.unit))
+            for effect, parameter, value in _stopped_shapes(space, fit)]
+
+
+def stopped_effects(space: spaces.ModelSpace, fit: Fit) -> set[str]:
+    """Effects of a fit of which a shape or the size is stopped by its bound."""
+    return {effect.id for effect, _ in stopped_sizes(space.problem, fit)} | {
+        effect.id for effect, *_ in _stopped_shapes(space, fit)}
 
 
 def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]:
@@ -341,7 +354,8 @@ def _is_as_large(among: Among, published: Publication, other: str, main: str) ->
     ratio = (among.best.visible[other] / among.best.visible[main]) ** 2
     if among.stands_out(other, _min_times(published, other)):
         return ratio > 1.0 / MAINLY
-    return ratio > MAINLY and published.member_shares[other].best > 1.0 - MIN_TAKEN
+    taken = published.member_shares.get(other)  # None where it is at a bound
+    return ratio > MAINLY and (taken is None or taken.best > 1.0 - MIN_TAKEN)
 
 
 def _unlike_in_runs(shares: Shares, titles: str) -> list[str]:
