@@ -1,7 +1,7 @@
 """Nodes that replay a bag: which bag they may read, and their topics as /clock reaches stamps."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 import time
 from typing import Any, ClassVar
@@ -118,6 +118,7 @@ def topics_of(node: str) -> list[str]:
     return [topic.name for topic in TOPICS.values() if topic.replayed_by == node]
 
 
+@lru_cache(maxsize=8)  # it is asked for with every sample
 def _is_same(theirs: Path, own: Path) -> bool:
     """Whether both are one bag, as its folder or as a file in it; elsewhere, by their names."""
     pairs = ((theirs, own), (theirs.parent, own), (theirs, own.parent))
