@@ -73,7 +73,8 @@ def next_test(
     if diagnosis.verdict == 'none':
         limits = diagnosis.observability.limits
         return for_unseen([limit.effect for limit in limits if not limit.testable])
-    free = (discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
+    evidence = diagnosis.held_out_evidence
+    free = (discrepancy.wording.free_test_words(evidence)
             or discrepancy.wording.fit_too_words(diagnosis.remainder))
     # Static tests at two elevations leave nothing for a test at another one.
     runs = [*fitted, *held_out]
@@ -94,8 +95,9 @@ def next_test(
         after = diagnosis.residual_after
         is_told = not parting or shapes_left(after) or after.fast.visible >= MATERIAL
         rest = for_residual(after, diagnosis.law) if is_told else ''
-        # What these runs cannot separate, they can with the other elevation.
-        free = free if free.startswith('Fit') else at_another_elevation(fitted, held_out) or free
+        # Causes that held-out runs cannot separate may look different at their elevation.
+        if not free or (evidence and not discrepancy.wording.excluded_titles(evidence)):
+            free = at_another_elevation(fitted, held_out) or free
         return ' '.join(filter(None, (free, first, parting, rest)))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
@@ -119,8 +121,8 @@ def next_test(
 def at_another_elevation(fitted: Sequence[Record], held_out: Sequence[Record]) -> str:
     """The test that needs no record, if all fitted runs have one elevation; else ''."""
     usual = [run.elevation for run in fitted]
-    names = [run.name for run in held_out
-             if distinct_elevations(usual) == 1 < distinct_elevations([*usual, run.elevation])]
+    names = [run.name for run in held_out if distinct_elevations([*usual, run.elevation]) == 2
+             and distinct_elevations(usual) == 1]
     return (f'Fit {discrepancy.wording.joined(names)} too: at one elevation many causes look '
             'alike.') if names else ''
 

@@ -171,6 +171,12 @@ def joined(titles: Sequence[str]) -> str:
     return ', '.join(titles[:-1]) + ' and ' * (len(titles) > 1) + titles[-1]
 
 
+def excluded_titles(evidence: Sequence[HeldOutEvidence]) -> list[str]:
+    """Open alternatives of which no model remains where held-out runs are fitted, too."""
+    kept = {one.title for one in evidence if one.remains}
+    return list(dict.fromkeys(one.title for one in evidence if one.title not in kept))
+
+
 def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
     """What held-out runs say about open alternatives, as the test that needs no record; or ''.
 
@@ -179,13 +185,11 @@ def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
     if not evidence:
         return ''
     best, runs = evidence[0], joined(evidence[0].runs)
-    kept, gone = (list(dict.fromkeys(one.title for one in evidence if one.remains is remains))
-                  for remains in (True, False))
     share = sum(one.share for one in evidence if one.title == best.title)
     words = (f'the model with {best.title} predicts {runs} best '
              f'({"over " if share > MAX_SURE else ""}{percent(min(share, MAX_SURE))} of the '
              'probability of the alternatives)')
-    excluded = [title for title in gone if title not in kept]
+    excluded = excluded_titles(evidence)
     if not excluded:
         return f'Held-out {runs} cannot separate the alternatives: {words}.'
     return f'Fit {runs} too: {words}, and this excludes {joined(excluded)}.'
