@@ -146,9 +146,8 @@ def _judged(search: Search) -> Answer:
     A ring that leaves more than its laws may err is open by noise alone, whatever its numbers are.
     """
     space, assumptions = search.space, search.space.problem.assumptions
-    is_ring = not (assumptions.exact_laws or assumptions.is_persistent)
-    is_first = is_ring and bool(search.fit.candidate.effects) and leaves_more_than_forms(
-        space, search.fit)
+    is_first = assumptions.has_small_errors and bool(
+        search.fit.candidate.effects) and leaves_more_than_forms(space, search.fit)
     found, doubts = _among_small_errors(search) if is_first else (None, [])
     if found is not None:
         return found

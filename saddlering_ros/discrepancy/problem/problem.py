@@ -63,6 +63,11 @@ class Assumptions:
     many_valleys: bool = False
     is_persistent: bool = False
 
+    @property
+    def has_small_errors(self) -> bool:
+        """Whether everything may err a little, as on a ring that runs of one session measure."""
+        return not (self.exact_laws or self.is_persistent)
+
     def frees_constant(self, channel: int) -> bool:
         """Whether a constant in a channel has no meaning."""
         return self.offsets is None or self.offsets[channel] >= systems.FREE_OFFSET

@@ -120,9 +120,8 @@ def publish(search: Search, before: Residual, after: Residual) -> Publication:
     fits = refit_full_jacobian(_metric_of(search.space), _wanted(search), rounds)
     plain, effects = plain_fits(problem, fits), search.fit.candidate.effects
     # Several causes at once on a ring are a sign of small errors.
-    is_exact = problem.assumptions.exact_laws or problem.assumptions.is_persistent
-    otherwise = [] if is_exact or len(effects) < 2 else [
-        fit for fit in plain if fit.candidate.effects == effects]
+    is_dirty = problem.assumptions.has_small_errors and len(effects) > 1
+    otherwise = [fit for fit in plain if is_dirty and fit.candidate.effects == effects]
     return _publication(search, [search.fit], before, after, [
         _Model(fit, own, predicted_residuals(problem, own) if effects else [])
         for fit, own in zip(fits, plain, strict=True)], otherwise)
