@@ -335,8 +335,7 @@ def contact_of_sessions(
     is_later = np.zeros(problem.size, dtype=bool)
     for index, _, part in problem.slices:
         is_later[part] = system.session_of(problem.runs[index]) == LATER
-    own = [changes[:, part] for effect, _, part in fit.candidate.slices(count)
-           if effect.id != CONTACT_CHANGE]
+    own = [changes[:, part] for effect, _, part in fit.parts if effect.id != CONTACT_CHANGE]
     of_session = [np.where(there[:, None], changes[:, :count], 0.0)
                   for there in (~is_later, is_later)]
     columns = metric.whiten(np.hstack([*of_session, *own]))

@@ -280,8 +280,9 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
     """
     law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
                  contains=('friction',))
-    fit: Any = SimpleNamespace(candidate=Candidate(((law, 0),)), theta_unit=np.array([own, 0.9]),
-                               prediction=np.zeros(1))
+    candidate = Candidate(((law, 0),))
+    fit: Any = SimpleNamespace(candidate=candidate, parts=[*candidate.slices(0)],
+                               theta_unit=np.array([own, 0.9]), prediction=np.zeros(1))
     space: Any = SimpleNamespace(
         tangent_of=lambda fit: SimpleNamespace(white=100.0 * np.eye(2)),
         scale=SimpleNamespace(sizes=lambda change: np.array([moved])),
@@ -299,8 +300,9 @@ def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(
     """Friction in the radial row was named that of the axial rows, which a ring had as well."""
     law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
                  contains=('friction',))
-    fit: Any = SimpleNamespace(candidate=Candidate(((law, 0),)), theta_unit=np.array([0.9, 0.9]),
-                               prediction=np.array([0.03]))
+    candidate = Candidate(((law, 0),))
+    fit: Any = SimpleNamespace(candidate=candidate, parts=[*candidate.slices(0)],
+                               theta_unit=np.array([0.9, 0.9]), prediction=np.array([0.03]))
     best = small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.03}, 1.0)
     among: Any = among_of(best, [model_of(10.0, friction=0.02), model_of(0.0)])
     among.space.changes_of = lambda fit: np.array([[0.03]])
@@ -327,7 +329,7 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
         return [models[tuple(added.split())].fit] if added else []
 
     monkeypatch.setattr(searching, '_with_another', with_another)
-    monkeypatch.setattr(searching, 'stopped_sizes', lambda problem, fit: [])
+    monkeypatch.setattr(searching, 'stopped_sizes', lambda fit: [])
     monkeypatch.setattr(searching, '_with_contained_law', lambda space, tried: (
         searching._best(tried)))
     space: Any = SimpleNamespace(
@@ -623,7 +625,8 @@ def test_an_interval_counts_the_sizes_of_other_models_and_of_a_plain_fit() -> No
     law, other = (Effect(name, {'size': Parameter(0, 1)}) for name in ('law', 'other'))
 
     def fit(theta: Sequence[float], *effects: Effect) -> Any:
-        return SimpleNamespace(candidate=Candidate(tuple((effect, 0) for effect in effects)),
+        candidate = Candidate(tuple((effect, 0) for effect in effects))
+        return SimpleNamespace(candidate=candidate, parts=[*candidate.slices(1)],
                                theta_unit=np.array(theta))
 
     space: Any = SimpleNamespace(
@@ -649,8 +652,7 @@ def test_an_interval_reaches_to_the_sizes_by_other_measures(observed: SimpleName
     size = cause.parameters['size']
     assert plain.theta_unit.tolist() != unequal_errors.theta_unit.tolist()
     for fit in (plain, unequal_errors):
-        place = next(part.start for effect, _, part in fit.candidate.slices(1)
-                     if effect.id == cause.effect)
+        place = next(part.start for effect, _, part in fit.parts if effect.id == cause.effect)
         other = cause.definition.size.from_unit(float(fit.theta_unit[place]))
         assert abs(other - size.value) < WIDTH_95 * size.std
 

@@ -100,6 +100,11 @@ class Fit:
     converged: bool = True
     plain: Array | None = None
 
+    @property
+    def parts(self) -> list[tuple[Effect, int, slice]]:
+        """Each effect, its variant, and the indices of its parameters."""
+        return list(self.candidate.slices(self.point.base.size))
+
 
 PRIOR = 1.0
 """Standard deviations in the whole range of a parameter: idle ones stay, others hardly move."""
@@ -276,7 +281,7 @@ def refit_base(metric: Whitening, fit: Fit, names: Collection[str], rounds: int)
     """The base refitted in a metric, beside those effects of a fit, with the sizes found there."""
     base = len(metric.problem.system.base_parameters)
     kept = [(effect, variant, fit.theta_unit[part])
-            for effect, variant, part in fit.candidate.slices(base) if effect.id in names]
+            for effect, variant, part in fit.parts if effect.id in names]
     effects = tuple((effect, variant) for effect, variant, _ in kept)
     candidate = _Settled(effects, np.concatenate([np.zeros(0), *(part for *_, part in kept)]))
     [settled] = run_refits(

@@ -120,9 +120,9 @@ class Among:
         effect = next(effect for effect, _ in fit.candidate.effects if effect.id == name)
         if not effect.contains:
             return {}
-        slices = fit.candidate.slices(len(space.problem.system.base_parameters))
-        own, change = next((_own_part(space, fit, effect, part), change) for (law, _, part), change
-                           in zip(slices, space.changes_of(fit).T, strict=True) if law is effect)
+        own, change = next(
+            (_own_part(space, fit, effect, part), change) for (law, _, part), change
+            in zip(fit.parts, space.changes_of(fit).T, strict=True) if law is effect)
         if _size(space, change - own) <= _size(space, own):
             return {}
         return {law: max(there, key=lambda model: model.evidence) for law in effect.contains
@@ -188,7 +188,7 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
 
     def add(fits: Sequence[Fit]) -> None:
         for one in fits:
-            if one.candidate.key not in models and not stopped_sizes(space.problem, one):
+            if one.candidate.key not in models and not stopped_sizes(one):
                 models[one.candidate.key] = errors.model_of_fit(space, one)
         _complete(space, errors, models, completed)
 
@@ -250,10 +250,10 @@ def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
     may be zero. If its own part is a small error it gives way to one that stands out and takes
     most of what it does: a ring with large friction in one row has some in the others.
     """
-    best, base = _best(models), space.problem.system.base_parameters
+    best = _best(models)
     half = WIDTH_95 * np.sqrt(np.diag(covariance(space.tangent_of(best.fit).white, PRIOR)))
     chosen = []
-    for effect, _, part in best.fit.candidate.slices(len(base)):
+    for effect, _, part in best.fit.parts:
         if not effect.contains:
             continue
         least, size = np.inf, float(best.fit.theta_unit[part.start])

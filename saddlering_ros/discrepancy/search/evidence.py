@@ -347,7 +347,7 @@ def forms_of(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
 def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
     problem, base = space.problem, space.problem.system.base_parameters
     owners, points = [], []
-    for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
+    for number, (effect, _, part) in enumerate(fit.parts):
         shapes = range(part.start + 1, part.stop)
         for index, parameter in zip(shapes, effect.ordered[1:], strict=True):
             for apart in OTHER_SHAPES:

@@ -25,7 +25,6 @@ import numpy as np
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
-from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import evidence, ranking
 from saddlering_ros.discrepancy.search import signatures as shown_by
@@ -271,7 +270,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             listed = [score for score in listed if name not in score.effect.contains]
             fits = [
                 other for other in spaces.fit_each(space, less, listed, [fit])
-                if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
+                if name not in other.candidate.ids and not stopped_sizes(other)
                 and Comparison(space, less, other).is_another_cause()]
             alternatives[name] = _as_good(space, fit, less, fits)
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
@@ -308,10 +307,10 @@ def _as_good(
         floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings))
 
 
-def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
+def stopped_sizes(fit: Fit) -> list[tuple[Effect, float]]:
     """Effects of a fit whose size is at a bound that is not neutral nor whole, and that size."""
     stopped = []
-    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
+    for effect, _, part in fit.parts:
         size, theta_unit = effect.size, float(fit.theta_unit[part.start])
         value = size.from_unit(theta_unit)
         present = abs(value - effect.neutral) / (size.high - size.low)

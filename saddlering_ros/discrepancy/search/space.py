@@ -143,9 +143,8 @@ class ModelSpace:
         or by MINOR of what it moves most: its law is one of one view.
         """
         problem, tangent = self.problem, self.tangent_of(fit).plain
-        slices = fit.candidate.slices(len(problem.system.base_parameters))
         change, own = next((moved, part) for (effect, _, part), moved in zip(
-            slices, self.changes_of(fit).T, strict=True) if effect.id == name)
+            fit.parts, self.changes_of(fit).T, strict=True) if effect.id == name)
         moves = {view: float(problem.view_sizes(change, view).max())
                  for view in problem.system.views}
         least = max(least, MINOR * max(moves.values()))
@@ -272,10 +271,8 @@ class ModelSpace:
             return self.base
         if candidate.key not in self.fits:
             count = len(self.problem.system.base_parameters)
-            kept = [fit.theta_unit[:count], *(
-                fit.theta_unit[part] for effect, _, part in fit.candidate.slices(count)
-                if effect.id != effect_id)]
-            start = np.concatenate(kept)
+            start = np.concatenate([fit.theta_unit[:count], *(
+                fit.theta_unit[part] for effect, _, part in fit.parts if effect.id != effect_id)])
             # Where the simulator fails without the effect, the others begin from nothing.
             nothing = np.concatenate([self.base.theta_unit, start[count:]])
             for effect, _, part in candidate.slices(count):

@@ -154,7 +154,7 @@ def _stopped_shapes(
     form_error = 0.0 if problem.assumptions.exact_laws else settings.form_error
     taken = max(space.base.misfit - fit.misfit, 0.0)
     stopped = []
-    for effect, _, indices in fit.candidate.slices(len(problem.system.base_parameters)):
+    for effect, _, indices in fit.parts:
         shapes = zip(effect.ordered, fit.theta_unit[indices], slopes[indices],
                      variances[indices], strict=True)
         for parameter, theta_unit, slope, variance in shapes:
@@ -180,7 +180,7 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
 
 def stopped_effects(space: spaces.ModelSpace, fit: Fit) -> set[str]:
     """Effects of a fit of which a shape or the size is stopped by its bound."""
-    return {effect.id for effect, _ in stopped_sizes(space.problem, fit)} | {
+    return {effect.id for effect, _ in stopped_sizes(fit)} | {
         effect.id for effect, *_ in _stopped_shapes(space, fit)}
 
 

@@ -107,8 +107,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     """
     stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
     sentences, titles = [], space.problem.titles
-    slices = fit.candidate.slices(len(space.problem.system.base_parameters))
-    for (effect, _, indices), change in zip(slices, space.changes_of(fit).T, strict=True):
+    for (effect, _, indices), change in zip(fit.parts, space.changes_of(fit).T, strict=True):
         size = stated[effect.id]
         # A published size of zero allows any.
         interval = size.std / max(abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
@@ -165,9 +164,8 @@ def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, str] | No
                      key=space.penalised)
     tried = {fit.candidate.key: fit for fit in (*singles[:MAX_FREED], selected)}
     for fit in tried.values():
-        slices = fit.candidate.slices(len(problem.system.base_parameters))
         for (effect, variant, indices), change in zip(
-                slices, space.changes_of(fit).T, strict=True):
+                fit.parts, space.changes_of(fit).T, strict=True):
             if not change.any():
                 continue
             parts = _Parts.by(0, space, fit, indices.start, change)
@@ -225,7 +223,7 @@ def hidden_causes(space: ModelSpace, fits: PublishedFits, causes: Sequence[Cause
     others = [(signature, metric.whiten(signature.plain)) for signature in space.signatures
               if signature.share >= STRAIGHT_SHARE]
     by_effect = {cause.effect: cause for cause in causes}
-    for effect, _, indices in fit.candidate.slices(len(space.problem.system.base_parameters)):
+    for effect, _, indices in fit.parts:
         cause, index = by_effect[effect.id], indices.start
         beside = orthonormal(np.delete(columns, index, axis=1))
         own = columns[:, index] - beside @ (beside.T @ columns[:, index])

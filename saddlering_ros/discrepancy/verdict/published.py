@@ -226,7 +226,7 @@ def _publication(
     covariance = _covariance(space, sources, model, after, otherwise)
     size_error = SIZE_ERROR if otherwise else 0.0
     causes = []
-    for effect, variant, indices in model.candidate.slices(count):
+    for effect, variant, indices in model.parts:
         evidence = Comparison(space, less[effect.id], fit).evidence()
         others_named = {other for alternative in search.alternatives.get(effect.id, ())
                         for other in alternative.candidate.ids} - {*model.candidate.ids}
@@ -287,7 +287,7 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
                for one, value in stopped_base(problem, fit)]
     return [*(wording.SIZE_AT_BOUND.format(
                 problem.titles[effect.id], effect.size.name, quantity(value, effect.size.unit))
-              for effect, value in stopped_sizes(problem, fit)),
+              for effect, value in stopped_sizes(fit)),
             *([wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else [])]
 
 
@@ -305,7 +305,7 @@ def _covariance(
     base = space.problem.system.base_parameters
 
     def places_in(fit: Fit) -> NDArray[np.intp]:
-        own = {effect.id: part for effect, _, part in fit.candidate.slices(len(base))}
+        own = {effect.id: part for effect, _, part in fit.parts}
         return np.concatenate([np.arange(len(base)), *(
             np.arange(own[name].start, own[name].stop) for name in published.candidate.ids)])
 

@@ -79,7 +79,7 @@ def shared_directions(search: Search) -> list[str]:
     white, base = space.tangent_of(fit).white, problem.system.base_parameters
     beyond = orthonormal(white[:, : len(base)])
     sentences = []
-    for effect, _, indices in fit.candidate.slices(len(base)):
+    for effect, _, indices in fit.parts:
         same = {*fit.candidate.ids}
         same.update(*(other.candidate.ids for other in search.alternatives.get(effect.id, ())))
         tried = [(other, fit.candidate.plus(other, variant), start)
