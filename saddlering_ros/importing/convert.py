@@ -238,33 +238,27 @@ def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
 
 def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
     """Write the picture of the first MAX_RUNS runs, by the suffix, in the rig's unit of forces."""
-    from matplotlib.figure import Figure
+    from saddlering_ros.pages.charts import Chart, draw, line, Panel, Series, strokes
 
-    from saddlering_ros.pages.charts import families_for, legible
-
-    shown = list(runs[:MAX_RUNS])
-    figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
-    axes = figure.subplots(2, len(shown), squeeze=False, sharex='col')
-    for run, (load, gaps) in zip(shown, axes.T, strict=True):
+    panels, shown = [], runs[:MAX_RUNS]
+    for column, run in enumerate(shown):
+        load, gaps = list[Series](), list[Series]()
         for name in (name for name in _COLOURS if name in run.courses):
             course, is_load = run.courses[name], name == 'hydraulic_load'
             time = (np.array(course.stamps) - run.start) / SECOND
-            band = np.array([course.lowest, course.highest])
-            band /= FORCE_UNITS[rig.force_unit] if is_load else 1e-3
-            plot = load if is_load else gaps
-            plot.fill_between(time, *band, color=_COLOURS[name], alpha=0.35, linewidth=0)
-            plot.plot(time, band.mean(axis=0), color=_COLOURS[name], linewidth=0.9,
-                      label=name.replace('eddy_current_', 'probe '))
+            low, high = np.array([course.lowest, course.highest]) / (
+                FORCE_UNITS[rig.force_unit] if is_load else 1e-3)
+            words = name.replace('eddy_current_', 'probe ').replace('hydraulic_', '')
+            (load if is_load else gaps).extend([
+                line(time, 0.5 * (low + high), _COLOURS[name], words, width=0.9),
+                strokes(time, low, high, colour=_COLOURS[name], opacity=0.35)])
         facts = run.metadata
-        name = legible(run.path.name)
-        load.set_title(f'{name}: {facts.test}, {facts.elevation_deg:g} deg\n'
-                       f'from {words_of(run.start)}', fontsize=9, parse_math=False,
-                       family=families_for(name))
-        gaps.set_xlabel('time [s]')
-    axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
-    axes[1, 0].set_ylabel('gap [mm]')
-    axes[1, 0].legend(fontsize=8, loc='best')
-    for plot in axes.flat:
-        plot.grid(color='#dddddd', linewidth=0.6)
+        panels += [
+            Panel(0, column, 'time / s', f'load / {rig.force_unit}', tuple(load), title=(
+                f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
+                f'from {words_of(run.start)}')),
+            Panel(1, column, 'time / s', 'gap / mm', tuple(gaps))]
+    figure = draw(Chart(tuple(panels), max(7.5, 4.0 * len(shown)), 5.0, (1.0, 1.0), len(shown),
+                        shares_x=True))
     with whole_file(path, ImportingError) as temporary:
         figure.savefig(temporary, format=path.suffix.lstrip('.').lower() or 'png', dpi=120)

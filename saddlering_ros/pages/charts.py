@@ -189,11 +189,11 @@ def markers(x: ArrayLike, y: ArrayLike, marker: str, colour: str, name: str = ''
 
 
 def strokes(x: Array, low: Array, high: Array, name: str = '', dash: str = '-',
-            width: float = 1.2) -> Series:
+            width: float = 1.2, colour: str = NOISE, opacity: float = 1.0) -> Series:
     """Upright strokes (N,) from `low` to `high`, as one line with NaN between them."""
     across, up = (np.stack([*ends, np.full(x.size, np.nan)], axis=1).ravel()
                   for ends in ((x, x), (low, high)))
-    return line(across, up, NOISE, name, dash, width)
+    return line(across, up, colour, name, dash, width, opacity)
 
 
 @dataclass(frozen=True)
@@ -223,13 +223,13 @@ def compared(
                   bands=bands, levels=(0.0,)))
 
 
-def legible(text: str) -> str:
+def _legible(text: str) -> str:
     """The text, with the code of each sign that no font has, as on a terminal that lacks it."""
     return ''.join(sign if sign.isascii() or _font_with(sign) else ascii(sign)[1:-1]
                    for sign in text)
 
 
-def families_for(text: str) -> list[str]:
+def _families_for(text: str) -> list[str]:
     """The usual font, and for each sign that it lacks an installed one."""
     others = (_font_with(sign) for sign in text if not sign.isascii())
     return [*dict.fromkeys([USUAL_FONT, *filter(None, others)])]
@@ -260,11 +260,11 @@ def draw(chart: Chart) -> Figure:
         handles = [
             Patch(color=NOISE, alpha=entry.opacity, lw=0.0, label=name)
             if isinstance(entry, ShadedBand) else Line2D([], [], label=name, **_look(entry))
-            for entry in chart.named for name in [legible(entry.name)]]
+            for entry in chart.named for name in [_legible(entry.name)]]
         if handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
         for text in figure.findobj(Text):
-            text.set_fontfamily(families_for(text.get_text()))
+            text.set_fontfamily(_families_for(text.get_text()))
         return figure
 
 
@@ -292,7 +292,7 @@ def _draw_panel(axes: Axes, panel: Panel, *, is_small: bool) -> None:
     axes.minorticks_off()
     for axis, ticks in ((axes.xaxis, panel.x_ticks), (axes.yaxis, panel.y_ticks)):
         if ticks is not None:
-            axis.set_ticks(list(ticks.at), list(map(legible, ticks.words)), fontsize=ticks.size)
+            axis.set_ticks(list(ticks.at), list(map(_legible, ticks.words)), fontsize=ticks.size)
     if panel.y_range is not None:
         axes.set_ylim(*panel.y_range)
     if not panel.has_y_grid:
@@ -305,7 +305,7 @@ def _draw_panel(axes: Axes, panel: Panel, *, is_small: bool) -> None:
     if panel.shows_y and panel.shows_y_label:
         axes.set_ylabel(panel.y_label)
     if panel.title:
-        axes.set_title(legible(panel.title), fontsize=9.0 if is_small else None)
+        axes.set_title(_legible(panel.title), fontsize=9.0 if is_small else None)
 
 
 def _look(series: Series) -> dict[str, Any]:

@@ -215,7 +215,7 @@ def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
                  '--out', str(tmp_path / 'bag'), '--preview', str(tmp_path / 'a.png')]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if 'hydraulic_load' in line)
     assert line.split()[-1] == unit
-    assert labels == [f'load [{unit}]']
+    assert labels == [f'load / {unit}']
 
 
 @pytest.mark.parametrize(('change', 'said'), [
