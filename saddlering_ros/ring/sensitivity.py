@@ -322,8 +322,8 @@ class _Neighbourhood:
 
     def responses(self, models: Model, path: MotionPath, record: _Record) -> Responses:
         """Readings of the candidate, whose path is known, and of its neighbours."""
-        usual = simulator.of_probes_clock(path.readings.T, self._extensions[0], record.time)
-        centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
+        usual = simulator.of_probes_clock(path.readings, self._extensions[0], record.time)
+        centre = record.means(usual[None])[0]
         answers = np.empty((self._moved.size, *centre.shape))
         changes = self._changes(models, path, record)
         if self._plain.size:
@@ -338,7 +338,7 @@ class _Neighbourhood:
                 path.motion[path.samples], changes[path.samples], self._moved[self._added], read)
             for place, index in enumerate((1 + self._added).tolist()):
                 read[place] = simulator.of_probes_clock(
-                    read[place].T, self._extensions[index], record.time).T
+                    read[place], self._extensions[index], record.time)
             answers[self._added] = record.means(read)
         return Responses(centre, answers)
 

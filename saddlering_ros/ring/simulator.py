@@ -114,28 +114,21 @@ class RingSimulator:
         if not time.size:
             return time, np.empty((4, 0))
         increments = self._moved(time, load)
-        if self._offset == 0.0 and self._skew == 0.0:
+        if self._offset == self._skew == 0.0:
             return time, increments
-        # The probes' clock differs from that of the load; a sample is interpolated linearly.
+        # The probes' clock differs from that of the load.
         self._past = np.hstack([self._past, np.vstack([time, increments])])
         self._asked = np.append(self._asked, time)
-        wanted = (self._asked - self._offset
-                  - self._skew * (self._asked - self._state[at.START_TIME]))
+        elapsed = self._asked - self._state[at.START_TIME]
+        wanted = self._asked - self._offset - self._skew * elapsed
         late = wanted > self._past[0, -1]
         count = int(late.argmax()) if late.any() else late.size
         due, self._asked, wanted = self._asked[:count], self._asked[count:], wanted[:count]
         if not count:
             return due, np.empty((4, 0))
-        seconds, past = self._past[0], self._past[1:]
-        last = seconds.size - 1
-        before = np.maximum(seconds.searchsorted(wanted, 'right') - 1, 0)
-        after = np.minimum(before + 1, last)
-        share = (wanted - seconds[before]) / np.where(after > before,
-                                                      seconds[after] - seconds[before], 1.0)
-        old, new = past[:, before], past[:, after]
-        readings = np.where((wanted <= seconds[before]) | (before == last), old,
-                            old + (new - old) * share)
-        self._past = self._past[:, before[-1]:]
+        seconds, *past = self._past
+        readings = np.stack([np.interp(wanted, seconds, row) for row in past])
+        self._past = self._past[:, max(seconds.searchsorted(wanted[-1], 'right') - 1, 0):]
         return due, readings
 
     def _from_zero(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
@@ -318,8 +311,7 @@ def probe_batch(
         courses.read_courses(m[index:index + 1], zero, seconds, force, motion[first[index]],
                              *courses.UNCHANGED, increments[index:index + 1])
     for row, extension in zip(increments, extensions, strict=True):
-        if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
-            row[:] = of_probes_clock(row.T, extension, seconds).T
+        row[:] = of_probes_clock(row, extension, seconds)
     if blocks is None:
         return np.ascontiguousarray(increments.transpose(0, 2, 1))
     means = np.empty((len(increments), 4, blocks[0].size))
@@ -328,11 +320,11 @@ def probe_batch(
 
 
 def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Floats) -> Floats:
-    """Readings (4, N) at the times (N,) [s] of the probes' own clock."""
-    if extension.clock_offset == 0.0 and extension.clock_skew == 0.0:
+    """Readings (N, 4) at the times (N,) [s] of the probes' own clock."""
+    if extension.clock_offset == extension.clock_skew == 0.0:
         return increments
     wanted = seconds - extension.clock_offset - extension.clock_skew * (seconds - seconds[0])
-    return np.stack([np.interp(wanted, seconds, row) for row in increments])
+    return np.array([np.interp(wanted, seconds, row) for row in increments.T]).T.copy()
 
 
 def _models(rig: Rig, contacts: ArrayLike, elevation: float,
