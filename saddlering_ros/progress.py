@@ -70,12 +70,6 @@ IsCancelled = Callable[[], bool]
 """Asked between steps; once it returns True the computation raises `Cancelled`."""
 
 
-def check(is_cancelled: IsCancelled | None, task: str) -> None:
-    """Raise `Cancelled` if the caller has asked for it."""
-    if is_cancelled is not None and is_cancelled():
-        raise Cancelled(f'{task}: cancelled')
-
-
 TELL_EVERY, TELL_LEFT_FROM = 0.5, 5.0
 """Seconds between two reports of one stage, and after which the time left is estimated."""
 
@@ -127,7 +121,9 @@ class Watch:
         self.on_progress(Progress(self.task, self.stage, self.share, detail))
 
     def check(self) -> None:
-        check(self.is_cancelled, self.task)
+        """Raise `Cancelled` if the caller has asked for it."""
+        if self.is_cancelled is not None and self.is_cancelled():
+            raise Cancelled(f'{self.task}: cancelled')
 
 
 @contextmanager

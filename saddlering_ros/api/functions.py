@@ -25,7 +25,7 @@ from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
-from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
+from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.record.batches import join
 from saddlering_ros.record.displacement import measured_stretches
 from saddlering_ros.record.residual import residual_stretches, simulated_stretches
@@ -101,13 +101,8 @@ def validate(
     given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, parameters=parameters,
                              on_progress=on_progress, is_cancelled=is_cancelled)
     judged, _ = inputs.for_fits(given.bags)
-
-    def before(place: int) -> None:
-        check(is_cancelled, 'validate')
-        if on_progress is not None:
-            on_progress(Progress('validate', judged[place].name, place / len(judged)))
-
-    answer = identification.validate(runs_of(judged), given.rig, law, before_run=before)
+    answer = identification.validate(
+        runs_of(judged), given.rig, law, Watch('validate', on_progress, is_cancelled))
     return ValidationResult(tuple(judged), given.rig, given.files, answer)
 
 
@@ -131,8 +126,6 @@ def diagnose(
     answer = diagnosis.diagnose_ring(
         runs_of(fitted), runs_of(held_out), rig=given.rig, parameters=given.parameters, seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
-    if on_progress is not None:
-        on_progress(Progress('diagnose', 'verdict', 1.0))
     return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)
 
 
@@ -266,12 +259,12 @@ def _curves(
     given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
                              on_progress=on_progress, is_cancelled=is_cancelled)
     of, model = given.bags[0], [] if given.parameters is None else [given.parameters]
-    task, notes = 'simulate' if model else 'displacement', list[str]()
+    watch = Watch('simulate' if model else 'displacement', on_progress, is_cancelled)
+    notes: list[str] = []
 
     def share_is_done(share: float) -> None:
-        check(is_cancelled, task)
-        if on_progress is not None:
-            on_progress(Progress(task, of.name, share))
+        watch.check()
+        watch.progress(of.name, share)
 
     stretches, _ = stretches_of(given.rig, of.run, *model, notes, share_is_done)
     columns = displacement_columns(of.run, join(list(stretches)))

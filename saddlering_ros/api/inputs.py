@@ -19,7 +19,7 @@ from saddlering_ros.bags.samples import displacement_columns
 from saddlering_ros.doubts import comparison
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, origins_of
-from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
+from saddlering_ros.progress import IsCancelled, OnProgress, Progress, Watch
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.scratch import extremes
@@ -238,7 +238,7 @@ def inputs_of(
             return source
         if isinstance(source, Record):
             return Bag(source, in_use)
-        check(is_cancelled, 'read')
+        Watch('read', is_cancelled=is_cancelled).check()
         return read_bag(source, rig=in_use, on_progress=on_progress)
 
     fitted, kept = list(map(read, given)), list(map(read, held))

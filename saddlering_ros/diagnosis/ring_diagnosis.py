@@ -18,7 +18,7 @@ from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import Identification, IdentificationError, identify
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
-from saddlering_ros.progress import IsCancelled, OnProgress, Progress
+from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
@@ -44,8 +44,7 @@ def diagnose_ring(
         *(build_record(rig, run, held_out=False) for run in runs),
         *(build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
-    if on_progress is not None:
-        on_progress(Progress('diagnose', 'contact parameters', 0.0))
+    Watch('diagnose', on_progress).progress('contact parameters', 0.0)
     alone = _without_causes(runs, rig, is_cancelled)
     if not isinstance(alone, str):
         parameters = parameters or alone.parameters

@@ -22,6 +22,7 @@ from saddlering_ros.identification.figures import channel_figures, ChannelFigure
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import undetermined_words
+from saddlering_ros.progress import Watch
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
@@ -59,18 +60,15 @@ class Validation:
 
 def validate(
     runs: Sequence[Record], rig: Rig, parameters: ParameterSet,
-    before_run: Callable[[int], None] | None = None,
+    watch: Watch | None = None,
 ) -> Validation:
-    """Compare simulation and measurement; IdentificationError if a run cannot be compared.
-
-    before_run is called with the index of each run; an exception ends the validation.
-    """
+    """Compare simulation and measurement; IdentificationError if a run cannot be compared."""
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
-    compared = []
+    compared, watch = [], watch or Watch('validate')
     for number, run in enumerate(runs):
-        if before_run is not None:
-            before_run(number)
+        watch.check()
+        watch.progress(run.name, number / len(runs))
         compared.append(_compare(run, rig, parameters))
     judged = []
     for one, noise in zip(compared, _noise_of(compared), strict=True):
