@@ -223,11 +223,17 @@ def clock_findings(
     load: TopicQuality, probes: Sequence[TopicQuality], seconds: float,
 ) -> list[Finding]:
     """Findings on load and probes together over a record of `seconds`."""
-    findings = []
-    if lag := filter_lag(load, probes):
-        of_probes = logger_quality.median_of_known([one.bandwidth for one in probes])
-        slow, subject = ((load.bandwidth, 'the load seems') if lag > 0.0 else
-                         (of_probes, 'the probes seem'))
+    findings, together = [], filter_lag(load, probes)
+    parts = [('the probes seem', probes, together)] if together else [
+        (f'probe {number} seems', [one], min(filter_lag(load, [one]), 0.0))
+        for number, one in enumerate(probes, 1)
+        if one.bandwidth < logger_quality.ALONE_LIMIT * one.rate]
+    for subject, own, lag in parts:
+        if not lag:
+            continue
+        slow = logger_quality.median_of_known([one.bandwidth for one in own])
+        if lag > 0.0:
+            slow, subject = load.bandwidth, 'the load seems'
         findings.append(Finding(
             f'{subject} low-passed at about {slow:.2g} Hz and the other readings are not, or '
             f'less: a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all '

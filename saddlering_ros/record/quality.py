@@ -73,6 +73,9 @@ white noise."""
 BAND_LIMIT = 0.2
 """Bandwidth, as a share of the sampling rate, below which noise is band-limited."""
 
+ALONE_LIMIT = 0.05
+"""The same of one probe. Interpolation half way between two samples leaves 0.11, and no lag."""
+
 BAND_RATIO = 2.0
 """Ratio of the bandwidths of load and probes, each over its own rate, above which their filters
 differ."""
