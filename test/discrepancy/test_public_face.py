@@ -138,6 +138,16 @@ def test_a_simulator_with_another_result_for_the_same_parameters_is_refused() ->
             diagnose(lines(simulate), [record(0), record(1)])
 
 
+def test_a_simulator_that_writes_into_the_time_of_a_run_moves_no_stretch_of_it() -> None:
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        run.time[:] += 3.0
+        return straight(parameters, run)
+
+    apart = replace(record(0), inputs={'x': record(0).time}), replace(
+        record(1), inputs={'x': record(1).time})
+    assert found(simulate, *apart).influence == found(straight).influence
+
+
 def test_a_simulator_that_drifts_from_call_to_call_gets_a_warning() -> None:
     calls = []
 

@@ -255,7 +255,7 @@ class ModelSystem:
         width = np.gradient(run.time)
         width = np.minimum(width, 3.0 * np.median(width))
         return system.RunBlocks(
-            run.name, '', run.time, width, np.where(present, readings, 0.0), coordinates,
+            run.name, '', run.time.copy(), width, np.where(present, readings, 0.0), coordinates,
             held_out=held_out, payload=run, present=None if present.all() else present)
 
     def values(self, point: system.Point) -> dict[str, float]:
