@@ -69,8 +69,7 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
     steady = (*lines, *slow_lines)
     verdict: results.Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')
-    # A steady line that is found takes itself whole.
-    taken = answer.taken if published.causes else float(bool(steady))
+    taken = answer.taken if published.causes else float(bool(steady))  # A steady line's is whole.
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
     is_sound = not _left_in(search.space, search.space.base, answer.before)
     nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
@@ -135,9 +134,9 @@ class Answer:
             return self
         return replace(self, verdict='unknown', warnings=(*self.warnings, *doubts))
 
-    def noted(self, sentence: str) -> 'Answer':
-        """The same with a sentence for the reader."""
-        return replace(self, warnings=(*self.warnings, sentence))
+    def noted(self, *sentences: str) -> 'Answer':
+        """The same with sentences for the reader, each once."""
+        return replace(self, warnings=(*dict.fromkeys((*self.warnings, *sentences)),))
 
 
 def _judged(search: Search) -> Answer:
@@ -152,8 +151,8 @@ def _judged(search: Search) -> Answer:
     if found is not None:
         return found
     answer = _answer(search)
-    is_open = answer.verdict == 'unknown' and bool(space.problem.system.effects)
-    if not is_open or assumptions.is_persistent:
+    effects = space.problem.system.effects
+    if answer.verdict != 'unknown' or not effects or assumptions.is_persistent:
         return answer
     if assumptions.exact_laws:
         space.watch.progress('causes beside model error', 0.83)
@@ -183,6 +182,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
     elif answer.verdict == 'unknown' and (run := odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
+    if answer.verdict == 'unknown':  # Learnt model error takes what a bound leaves.
+        answer = answer.noted(*publishing.base_at_bounds(strict.space.problem, strict.fit))
     return answer, stability, answer.verdict == 'unknown' and bool(
         unshared or is_better or established.other_laws(answer.search))
 

@@ -114,17 +114,27 @@ def test_a_limit_counts_what_the_refitted_base_takes_of_an_effect() -> None:
 
 def test_a_base_parameter_that_its_bound_stops_is_told_and_no_cause_is_named() -> None:
     def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-        drive = np.asarray(run.inputs['drive'])
-        return {'seen': values['gain'] * drive + values['bend.size'] * drive**3}
+        drive, rate = np.asarray(run.inputs['drive']), np.asarray(run.inputs['rate'])
+        return {'seen': values['gain'] * drive + values.get('bend.size', 0.0) * drive**3
+                + values['friction.size'] * np.tanh(20.0 * rate)}
 
-    def record(name: str, rate: float) -> Run:
+    def record(name: str, rate: float, friction: float) -> Run:
         time = np.linspace(0.0, 10.0, 300)
         drive = np.sin(rate * time)
         noise = np.random.default_rng(int(10 * rate)).normal(0.0, 0.01, time.size)
-        return Run(name, time, {'drive': drive}, {'seen': 2.0 * drive + noise})
+        inputs = {'drive': drive, 'rate': np.cos(rate * time)}
+        seen = 2.0 * drive + friction * np.tanh(20.0 * inputs['rate'])
+        return Run(name, time, inputs, {'seen': seen + noise})
 
-    model = Model(simulate, {'gain': Parameter(0.5, 1.0)},
-                  {'bend': Effect('Bend', {'size': Parameter(-5.0, 5.0)})}, {'seen': Channel()})
-    answer = discrepancy.diagnose(model, [record('a', 0.9), record('b', 1.7)])
-    assert answer.verdict == 'unknown'
-    assert any(warning.startswith('gain = 1.00: the misfit falls') for warning in answer.warnings)
+    # Friction explains a part of it; what the bound leaves then counts as model error.
+    for highest, friction in ((1.0, 0.0), (1.9, 0.1)):
+        effects = {'friction': Effect('Friction', {'size': Parameter(0.0, 1.0)})}
+        if not friction:
+            effects['bend'] = Effect('Bend', {'size': Parameter(-5.0, 5.0)})
+        model = Model(
+            simulate, {'gain': Parameter(0.5, highest)}, effects, {'seen': Channel()})
+        answer = discrepancy.diagnose(
+            model, [record('a', 0.9, friction), record('b', 1.7, friction)])
+        assert answer.verdict == 'unknown'
+        assert sum(warning.startswith(f'gain = {highest:.2f}: the misfit falls')
+                   for warning in answer.warnings) == 1

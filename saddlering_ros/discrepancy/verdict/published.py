@@ -279,16 +279,17 @@ def with_form_error(
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
-    """A sentence for every effect whose size is at its bound, which is no name, and one on bounds.
-
-    A cause can stand in for what lies beyond a bound that stops a base parameter.
-    """
-    stopped = [f'{one.name} = {quantity(value, one.unit)}'
-               for one, value in stopped_base(problem, fit)]
+    """A sentence for every effect whose size is at its bound, and one on bounds of the base."""
     return [*(wording.SIZE_AT_BOUND.format(
                 problem.titles[effect.id], effect.size.name, quantity(value, effect.size.unit))
-              for effect, value in stopped_sizes(fit)),
-            *([wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else [])]
+              for effect, value in stopped_sizes(fit)), *base_at_bounds(problem, fit)]
+
+
+def base_at_bounds(problem: Problem, fit: Fit) -> list[str]:
+    """A sentence on bounds that stop base parameters, for which a cause can stand in."""
+    stopped = [f'{one.name} = {quantity(value, one.unit)}'
+               for one, value in stopped_base(problem, fit)]
+    return [wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else []
 
 
 def _covariance(

@@ -344,7 +344,9 @@ def suspect_words(title: str, doubts: Sequence[str]) -> str:
 
 
 def weak_words(title: str, shares: results.Shares, needed: float) -> str:
-    fitted, taken = max(shares.fitted.values(), default=0.0), percent(max(shares.best, 0.0))
+    fitted = max(shares.fitted.values(), default=0.0)
+    digits = 2 if percent(shares.best) != percent(needed) else 3  # '85 %' is too little for 85 %
+    taken = percent(max(shares.best, 0.0), digits)
     where = '' if fitted < needed else f' on fitted runs, but {taken} on predicted ones'
     return (f'{percent(fitted) if where else taken} of the power of the misfit beyond noise is '
             f'explained by {title}{where}, and at least {percent(needed)} is required, because a '
