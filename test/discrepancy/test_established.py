@@ -492,7 +492,8 @@ def test_no_cause_that_may_be_nothing_or_another_one_has_a_name(
     space: Any = SimpleNamespace(problem=SimpleNamespace(
         assumptions=SimpleNamespace(exact_laws=exact), allowed_sizes={'seen': 0.0},
         titles={'a': 'A'}))
-    published: Any = SimpleNamespace(causes=(cause,), main=cause)
+    published: Any = SimpleNamespace(causes=(cause,), main=cause, plain=SimpleNamespace(
+        point=system.Point((), {'a': {'size': 0.5}})))
     words = established.uncertain_law(space, published)
     assert words == ([f'A: the 95 % {expected}'] if expected else [])
 
@@ -521,16 +522,21 @@ def test_a_cause_whose_interval_includes_its_absence_has_no_name(
     assert any('the effect does nothing' in item for item in answer.warnings)
 
 
-@pytest.mark.parametrize(('least', 'contains', 'is_told'), [
-    (0.87, (), False), (0.48, (), True), (0.87, ('one',), True)])
+@pytest.mark.parametrize(('least', 'contains', 'taking', 'is_told'), [
+    (0.87, (), 0.8, False), (0.48, (), 0.8, True), (0.87, ('one',), 0.8, True),
+    (0.87, (), 3.0, True)])
 def test_a_cause_that_predicts_most_is_there_whatever_the_interval_of_its_size(
-        least: float, contains: tuple[str, ...], is_told: bool) -> None:
-    """A rotor out of line, 88 % less misfit on a held-out run, had a force of 0.66 +- 0.64."""
+        least: float, contains: tuple[str, ...], taking: float, is_told: bool) -> None:
+    """A rotor out of line, 88 % less misfit on a held-out run, had a force of 0.66 +- 0.64.
+
+    A gauge with another offset than declared had a gain of (4.2 +- 4.7)e-3, named for what 0.019
+    would take, beside a rest of 20 % of range.
+    """
     law = Effect('law', {'size': Parameter(0, 20)}, id='law', contains=contains)
     sizes = {'size': system.Estimate(0.66, 0.64, '')}
     cause = Cause('law', law, 0, ('law',), sizes, 0.0, 0.0, 0.1, Gain(
         0.9, 0.88, 'held out', (least, 0.9)))
-    assert bool(established.uncertainties_of(cause, 'law')) == is_told
+    assert bool(established.uncertainties_of(cause, 'law', taking)) == is_told
 
 
 @pytest.mark.parametrize(('tilt', 'is_absent'), [(5.9, False), (0.5, True)])

@@ -186,7 +186,7 @@ def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
     both = diagnosed(sizes, *SHAPES)
     assert (both.verdict, [cause.effect for cause in both.causes]) == (
         'named', ['friction', 'cubic'])
-    monkeypatch.setattr(established, 'uncertainties_of', lambda cause, _: [
+    monkeypatch.setattr(established, 'uncertainties_of', lambda cause, *_: [
         'perhaps nothing'] * (cause.effect == 'cubic'))
     alone = diagnosed(sizes, *SHAPES)
     assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])

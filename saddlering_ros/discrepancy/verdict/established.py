@@ -6,6 +6,7 @@
 """
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 
@@ -191,23 +192,27 @@ def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]
     """
     if any(space.problem.allowed_sizes.values()) or not published.causes:
         return []
-    return uncertainties_of(published.main, space.problem.titles[published.main.effect])
+    main = published.main
+    return uncertainties_of(main, space.problem.titles[main.effect], published.plain.point.effects[
+        main.effect][main.definition.size.name])
 
 
-def uncertainties_of(cause: Cause, title: str) -> list[str]:
+def uncertainties_of(cause: Cause, title: str, taking: float = math.nan) -> list[str]:
     """Sentences on the absence, and on the limiting cases of shapes, in 95 % intervals.
 
     An interval follows from the slopes at the fit. Where a parameter of the base grows with the
     size, the interval can include zero although a fit without the cause leaves the whole misfit.
     A cause that surely takes `MIN_TAKEN` of the power of predicted runs is therefore present. A
-    law that contains others can be one of these alone, whatever it takes.
+    law that contains others can be one of these alone, whatever it takes. taking: the size at
+    which the cause takes this; where it is beyond the interval, a stand-in takes it.
     """
     sentences, size, reduction = [], cause.definition.size, cause.gain.interval
     is_present = reduction is not None and reduction[0] > MIN_REDUCTION and (
         not cause.definition.contains)
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
-        if interval is None or (parameter is size and is_present):
+        if interval is None or (parameter is size and is_present
+                                and not (taking < interval[0] or taking > interval[1])):
             continue
         cases = (cause.definition.neutral,) if parameter is size else parameter.limiting_cases
         limit = next((case for case in cases if interval[0] <= case <= interval[1]), None)
