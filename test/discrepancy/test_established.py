@@ -75,6 +75,17 @@ def found(friction: float, error: float, model: Model = MODEL, seed: int = 1) ->
     return diagnose(model, runs[:3], hold_out=runs[3:])
 
 
+def test_a_constant_rest_goes_along_no_coordinate_though_each_has_a_constant() -> None:
+    """An offset of a gauge was told to go along a fan that was on or off."""
+    runs = [record(number, 0.0, 0.0) for number in range(2)]
+    runs = [replace(run, inputs={**run.inputs, 'fan': np.float64(9.0 + number < TIME)},
+                    outputs={'seen': run.outputs['seen'] + 0.1})
+            for number, run in enumerate(runs)]
+    answer = diagnose(MODEL, runs)
+    assert {rest.along for rest in answer.remainder} == {'no coordinate, as a constant does'}
+    assert answer.summary().count('residual: seen along no coordinate') == 1
+
+
 def test_a_rest_is_stated_alike_in_units_in_shares_of_range_and_in_times_the_noise() -> None:
     model = replace(MODEL, channels={'seen': Channel(unit='m', noise=Noise.white(STD))})
     answer = found(0.3, 0.02, model)

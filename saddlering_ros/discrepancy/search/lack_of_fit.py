@@ -124,6 +124,11 @@ WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure: fewer look like scatter."""
 
 
+CONSTANT, MIN_CONSTANT = 'no coordinate, as a constant does', 0.9
+"""What a misfit goes along of which a constant makes up this share of the power: every coordinate
+has a constant, and a switch with two values would be named, because it has no other shape."""
+
+
 @dataclass(frozen=True)
 class ShapeTest:
     """One family of shapes, its size as a share of range; shape (n,): what it takes, if sure.
@@ -334,10 +339,15 @@ class LackOfFitTests:
                 beyond = columns.size_beyond_noise(
                     view, root, inner, tangent.plain @ (parameters @ shared.T)
                 ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
+                run = problem.run_along(residual, shape, view)
+                seen, weights = problem.view_residuals(shape, view)[run], problem.sample_weights(
+                    problem.runs[run], view)
+                is_constant = (np.average(seen, weights=weights) ** 2
+                               > MIN_CONSTANT * np.average(seen**2, weights=weights))
                 tests.append(ShapeTest(
-                    view, coordinate, float(chance), statistic, max(count, 1), float(size),
-                    shape if chance < MAX_CHANCE else None, beyond,
-                    problem.run_along(residual, shape, view)))
+                    view, CONSTANT if is_constant else coordinate, float(chance), statistic,
+                    max(count, 1), float(size), shape if chance < MAX_CHANCE else None, beyond,
+                    run))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))

@@ -178,9 +178,9 @@ def summary_text(diagnosis: Diagnosis) -> str:
             if diagnosis.fits.metric.problem.assumptions.proposes_law else None))
         after = diagnosis.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
-        lines += [
+        lines += dict.fromkeys(
             f'  residual: {shape.view} along {shape.coordinate}, {percent(shape.visible)} of range'
-            for shape in tests[:4] if shape.p_value < CHANCE]
+            for shape in tests[:4] if shape.p_value < CHANCE)
     lines += ['', 'base parameters (alone -> with the causes):', *(
         f'  {one.name}: {wording.base_words(diagnosis.base_alone, one)} -> '
         f'{wording.base_words(diagnosis.base, one)}' for one in _base_of(diagnosis))]
