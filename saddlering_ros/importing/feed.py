@@ -47,7 +47,8 @@ class Piece:
         """Every column that is needed, with the stamp of each row and the number of the first."""
         as_text = [*self.time.columns, *([self.split_column] if self.split_column else [])]
         names = [*self.columns.values(), *self.rod_pressures.values(), *as_text]
-        first = 0
+        first = nights = 0
+        before = np.int64(0)
         for block in self.source.blocks(list(dict.fromkeys(names)), as_text):
             cells = [block[name] for name in self.time.columns]
             count = len(next(iter(block.values())))
@@ -60,6 +61,11 @@ class Piece:
                     cells = [self.source.number_texts(column, cells[0], first)]
             stamps = self.time.stamps(cells, np.arange(first, first + count))
             found = stamps != calibration.MISSING
+            # A time of day that falls by half a day or more is of the next day.
+            if not getattr(self.time, 'is_dated', True) and found.any():
+                times = stamps[found]
+                days = nights + np.cumsum(np.diff(times, prepend=before) < -DAY // 2)
+                stamps[found], before, nights = times + DAY * days, times[-1], int(days[-1])
             wrong = np.flatnonzero(found & ((stamps < -DAY) | (stamps >= END_OF_STAMPS)))
             if len(wrong):
                 raise ImportingError(

@@ -273,6 +273,12 @@ def test_a_time_of_day_counts_from_the_midnight_that_is_given(tmp_path: Path) ->
         convert(tmp_path, times, document(time={**given, 'start': '2026-11-20T00:00:00Z'}),
                 overwrite=True)
         assert str(np.datetime64(int(stamps(tmp_path)[0]), 'ns'))[:21] == '2026-11-20T08:00:00.5'
+    night = plain_table(t=[f'{"23:59" if i < 9 else "00:00"}:{51 + i if i < 9 else i - 9:02}'
+                           for i in range(ROWS)])
+    result = convert(tmp_path, night, document(time={
+        **clock, 'start': '2026-11-20T00:00:00Z'}), overwrite=True)
+    assert (result.warnings, len(stamps(tmp_path))) == ((), ROWS)
+    assert str(np.datetime64(int(stamps(tmp_path)[-1]), 'ns'))[:10] == '2026-11-21'
 
 
 def test_a_pressure_of_the_rod_in_another_unit_is_said(tmp_path: Path) -> None:
