@@ -355,19 +355,34 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
+    came = _came(load, rest_band)
+    moving = came[came != 0.0]
+    is_one_way = moving.size > 0 and abs(moving.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         # Friction after the load has turned is an offset too, until the load turns again; a rest
         # of the load changes nothing.
-        moving = direction[direction != 0.0]
-        return 'one direction' if moving.size and abs(moving.mean()) > ONE_WAY else 'offset'
-    regressors = {'load': load, 'rate': change, 'direction': direction, 'time': time}
-    strength = {
-        name: abs(float(np.corrcoef(residual, values)[0, 1]))
-        for name, values in regressors.items() if np.ptp(values) > 0.0}
-    best = max(strength, key=lambda name: strength[name], default='unclear')
-    if abs(direction.mean()) > ONE_WAY and best in ('load', 'time'):
+        return 'one direction' if is_one_way else 'offset'
+    regressors = (('load', load), ('rate', change), ('direction', direction), ('direction', came),
+                  ('time', time))
+    strength, best = max(((abs(float(np.corrcoef(residual, values)[0, 1])), name)
+                          for name, values in regressors if np.ptp(values) > 0.0),
+                         key=lambda pair: pair[0], default=(0.0, ''))
+    if best in ('load', 'time') and is_one_way and (
+            abs(direction.mean()) > ONE_WAY or abs(np.corrcoef(load, time)[0, 1]) > ONE_WAY):
         return ''
-    return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
+    return best if strength > MIN_CORRELATION else 'unclear'
+
+
+def _came(load: Array, rest_band: float) -> Array:
+    """The direction (N,) in which a load came, which friction keeps while it is held."""
+    signs, sign, farthest = [], 0.0, float(load[0])
+    for value in load.tolist():
+        if abs(value - farthest) > rest_band:
+            sign = math.copysign(1.0, value - farthest)
+        if sign * (value - farthest) > 0.0:
+            farthest = value
+        signs.append(sign)
+    return np.array(signs)
 
 
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:

@@ -280,6 +280,19 @@ def test_load_and_time_are_told_apart_only_when_the_load_has_turned():
     assert first_guess(2.0 * time + noise, turning, time, BAND) == 'time'
 
 
+def test_held_loads_keep_the_direction_in_which_they_came():
+    """Friction of a static test was guessed to be a drift: at rest its load had no direction."""
+    time = np.arange(0.0, 200.0, 0.2)
+    rise = np.minimum(time, 200.0 - time)
+    load = 5e3 * (rise // 5.0 + np.minimum(rise % 5.0, 1.0))  # a second each, held for four
+    noise = 0.2 * np.random.default_rng(7).standard_normal(time.size)
+    friction = np.sign(100.0 - time)
+    assert first_guess(friction + noise, load, time, BAND) == 'direction'
+    for residual in (1e-5 * load, 0.02 * time):
+        rising = slice(0, time.size // 2)
+        assert first_guess((residual + noise)[rising], load[rising], time[rising], BAND) == ''
+
+
 def test_a_first_guess_is_judged_again_as_long_as_the_test_goes_on():
     def rise_and_fall(time):
         return 1e5 * np.clip(np.minimum(time - 5.0, 19.0 - time), 0.0, None)
