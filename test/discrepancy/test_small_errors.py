@@ -111,6 +111,20 @@ def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
     assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
 
 
+def test_an_error_that_cannot_be_small_does_not_replace_a_cause_that_acts_alike() -> None:
+    """The gain of a probe had no name, because a thousandth of a reversed sign did the same."""
+    reversed_ = Effect('reversed', {'size': Parameter(0.5, 1.5, start=1.0, neutral=0.0)})
+    system_ = model(*SHAPES)
+    system_ = replace(system_, effects={**system_.effects, 'reversed': reversed_}, simulate=(
+        lambda parameters, run: simulate({**parameters, 'cubic.size': parameters.get(
+            'cubic.size', 0.0) + parameters.get('reversed.size', 0.0)}, run)))
+    runs = [record(number, {**SMALL, 'cubic': 0.08}) for number in range(4)]
+    problem = problem_of(system_, runs[:3], runs[3:])
+    answer = diagnose_system(replace(problem, assumptions=replace(
+        problem.assumptions, exact_laws=False)))
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['cubic'])
+
+
 @pytest.mark.parametrize('times', [1.0, 2.0])
 @pytest.mark.parametrize(('is_imitated', 'share', 'hidden', 'is_named'), [
     (False, 1.0, {'mount.size': 0.3}, True), (True, 1.0, {'mount.size': 0.3}, False),

@@ -43,6 +43,9 @@ FACTORS = (3.0, 10.0, 30.0)
 MAX_LARGER = 10
 """Kinds of errors that are larger, at most."""
 
+MIN_PARALLEL = 0.999
+"""Cosine of two changes from which on they are one."""
+
 MIN_JOINT = 0.8
 """Power of what effects move together over the sum of their powers, below which they cancel each
 other. True causes of dirty rings had 0.91 and more; effects that stood in for a wedge under two
@@ -277,7 +280,8 @@ def _moved(space: ModelSpace, fit: Fit) -> tuple[dict[str, float], float]:
 def _listed(space: ModelSpace) -> tuple[Array, list[tuple[str, object]]]:
     """The change (n, k) by every effect that shows, each of its shapes an equal part; its kinds.
 
-    Of a shape that depends on its size every size counts.
+    Of a shape that depends on its size every size counts. A reversed sign, which cannot be small,
+    stands for the gain of its probe only where this is not listed.
     """
     shapes = defaultdict[tuple[object, ...], list[Signature]](list)
     for signature in space.shown:
@@ -288,6 +292,11 @@ def _listed(space: ModelSpace) -> tuple[Array, list[tuple[str, object]]]:
         members.sort(key=lambda one: abs(one.size))
         seen = [one for one in members if one.length > MIN_LENGTH] or members[-1:]
         chosen += members if members[0].amplitude_dependent else seen[:1]
+    directions = np.column_stack([one.plain / np.linalg.norm(one.plain) for one in chosen])
+    small = np.array([one.effect.size.low <= one.effect.neutral <= one.effect.size.high
+                      for one in chosen])
+    alike = np.abs(directions[:, small].T @ directions).max(axis=0, initial=0.0) > MIN_PARALLEL
+    chosen = [one for one, kept in zip(chosen, small | ~alike, strict=True) if kept]
     counts = Counter(one.key for one in chosen)
     columns = [one.plain / (one.visible * np.sqrt(counts[one.key])) for one in chosen]
     return np.column_stack(columns), [one.key for one in chosen]
