@@ -3,7 +3,7 @@
 Console, report, live page and messages print their numbers with these functions.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 from typing import Any
 
@@ -223,3 +223,11 @@ def first_of(reasons: Sequence[str], separator: str = '; ') -> str:
     reasons = list(dict.fromkeys(reasons))
     more = len(reasons) - MAX_REASONS
     return separator.join(reasons[:MAX_REASONS]) + (f'{separator}and {more} more' * (more > 0))
+
+
+def told_once(notes: Iterable[tuple[str, str]]) -> list[str]:
+    """Each note once, after the names of all runs that have it; notes: name and text."""
+    runs: dict[str, list[str]] = {}
+    for name, text in notes:
+        runs.setdefault(text, []).append(name)
+    return [f'{", ".join(names)}: {text}' for text, names in runs.items()]

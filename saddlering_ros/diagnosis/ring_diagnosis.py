@@ -19,6 +19,7 @@ from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import Identification, IdentificationError, identify
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.quantities import told_once
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
@@ -123,8 +124,8 @@ def _notes(
     laws_of_user = sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
     return [*notes, *certificate_notes(rig, diagnosis.causes),
             *repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis)),
-            *(f'{record.run.name}: {note}' for record in records
-              for note in record.test_run.notes)]
+            *told_once((record.run.name, note) for record in records
+                       for note in record.test_run.notes)]
 
 
 def _may_be_rounding(figures: Sequence[verdict.RunFigures]) -> bool:

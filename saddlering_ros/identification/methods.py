@@ -15,11 +15,12 @@ from saddlering_ros.identification import IdentificationError, IdentificationSet
 from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.objective import average_branches, refine, WeightedObjective
 from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
+from saddlering_ros.identification.prepared import prepare, PreparedRun, run_name, warnings_of
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import Bounds, StopReason, SwarmSettings
 from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
+from saddlering_ros.quantities import told_once
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, ParameterSource, Rig
 from saddlering_ros.rig.parameter_file import ContactParameters, TRUE_TO_SCALE
@@ -207,7 +208,8 @@ def identify(
     bounds = settings.bounds_for(rig)
     search = _Search(runs, rig, settings, bounds, on_progress, is_cancelled)
     observations = search.observations()
-    search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
+    search.notes += told_once(
+        (run_name(run), warning) for run in runs for warning in warnings_of(run, rig))
     method = _by_paper if settings.method == 'paper' else _by_default
     return _judged(search, method(search, observations))
 

@@ -233,18 +233,16 @@ def run_name(run: Record) -> str:
 
 def warnings_of(run: Record, rig: Rig) -> list[str]:
     """Faults that make the result of a run doubtful, one line each."""
-    name = run_name(run)
-    warnings = [f'{name}: {note}' for note in run.notes]
+    warnings = [*run.notes]
     for probe, clipped in enumerate(saturated(run, rig), start=1):
         share = float(np.mean(clipped))
         if share > 0.001:
             warnings.append(
-                f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of '
-                'the record, which is left out')
+                f'probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the record, '
+                'which is left out')
     noted = any('near the preload' in note for note in run.notes)
     if not noted and not zero_of_run(rig, run).reading.near_preload:
-        warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
-                        'higher load')
+        warnings.append('the record does not start near the preload; its zero is at a higher load')
     return warnings
 
 

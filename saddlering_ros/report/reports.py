@@ -17,7 +17,7 @@ from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import allowed_misfit, percent, quantity
+from saddlering_ros.quantities import allowed_misfit, percent, quantity, told_once
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.quality import white_noise
@@ -251,7 +251,7 @@ def data_quality(runs: Sequence[Record], rig: Rig) -> str:
             number(rig.force_words(zero.load, decimals + 2), '' if zero.near_preload else 'bad'),
             *(quantity(white_noise(np.asarray(getattr(measured.displacement, name))),
                        'rad' if name == 'gamma' else 'm') for name in CHANNELS)])
-    said = [f'{run.path.name}: {note}' for run in runs for note in run.notes]
+    said = told_once((run.path.name, note) for run in runs for note in run.notes)
     return html.section('Data quality', html.table(
         ['run', *map(number, ('load samples', 'duration', 'rate', 'load', 'without all probes',
                               'gaps', 'zero at', *(f'noise {SYMBOLS[name]}'

@@ -18,6 +18,7 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.comparison import refuse_other_rig, refuse_repeats
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
+from saddlering_ros.quantities import told_once
 from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.rig.description import default_rig
@@ -54,6 +55,17 @@ def test_a_bag_that_only_names_its_rig_gets_a_note_where_no_file_is_given() -> N
     run = run_of('SR-48')
     refuse_other_rig([run], RIG)
     assert "names the rig 'SR-48', and the shipped rig is simulated" in run.notes[0]
+
+
+def test_what_all_runs_of_a_fit_have_in_common_is_told_once() -> None:
+    runs = [run_of('SR-48') for _ in range(3)]
+    refuse_other_rig(runs, RIG)
+    runs[1].notes.append('the load is negative')
+    told = told_once((name, note) for name, run in zip('abc', runs, strict=True)
+                     for note in run.notes)
+    assert len(told) == 2
+    assert told[0].startswith("a, b, c: the bag names the rig 'SR-48'")
+    assert told[1] == 'b: the load is negative'
 
 
 def test_tests_of_two_rings_that_are_fitted_together_get_a_note() -> None:
