@@ -99,10 +99,9 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
 def _search(begun: ModelSpace) -> Search:
     """Select effects, adapt the nuisance parameters to them, check the alternatives."""
     space, log = begun, SearchLog()
-    errors = getattr(space.problem.system, 'inputs', ())
-    gains = [score.gain for score in space.scores(space.base)] if errors else []
     # Where nothing is wrong to first order, no input of the simulator is accused.
-    if errors and (max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
+    if getattr(space.problem.system, 'inputs', ()) and (space.leaves_misfit(space.base) or any(
+            score.gain >= space.real_gain() for score in space.scores(space.base))):
         space = space.with_inputs()
     fit = select(space, log)
     alternatives: Alternatives = {}
@@ -325,7 +324,7 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     count = len(fit.candidate.effects)
     if count > 1:
         return fit
-    least = space.base.misfit - fit.misfit + space.real_gain * (2 - count)
+    least = space.base.misfit - fit.misfit + space.real_gain() * (2 - count)
     pairs = ranking.best_pairs(space.base, space.usable, least)
     if not pairs:
         return fit

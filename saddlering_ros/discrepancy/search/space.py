@@ -168,12 +168,7 @@ class ModelSpace:
         return self.once('scores', fit, lambda: rank(
             fit, self.tangent_of(fit).white, self.usable))
 
-    @property
-    def real_gain(self) -> float:
-        """Fall of the misfit at which an effect with one parameter is real."""
-        return self.real_gain_of(1)
-
-    def real_gain_of(self, extra: int) -> float:
+    def real_gain(self, extra: int = 1) -> float:
         """Fall of the misfit at which an effect with so many parameters is real."""
         rate = self.settings.error_rate / max(self.trials, 1)
         return float(extra * fisher_limit(rate, extra, self.pairs))
@@ -372,7 +367,7 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     """
     def refits() -> list[Fit]:
         scores = space.scores(current)
-        least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
+        least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain())
         listed = shortlist(scores, least, space.settings.refits)
         # Base parameters at their bounds could conceal effects.
         is_stopped = not current.candidate.effects and space.stopped_base(current).any()

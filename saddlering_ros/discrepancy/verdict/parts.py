@@ -159,7 +159,7 @@ def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, str] | No
     problem, found, count = space.problem, None, len(space.problem.runs)
     if count < 2:
         return None
-    least = space.penalised(selected) - space.real_gain
+    least = space.penalised(selected) - space.real_gain()
     singles = sorted((fit for fit in space.single_effect_fits() if fit.misfit < space.base.misfit),
                      key=space.penalised)
     tried = {fit.candidate.key: fit for fit in (*singles[:MAX_FREED], selected)}

@@ -52,14 +52,14 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     if not fit.candidate.effects and not np.isfinite(search.covered):
         singles = [Comparison(space, space.base, single) for single in space.single_effect_fits()]
         share, name, visible = max(((
-            one.gain / space.real_gain_of(one.extra), one.more.candidate.ids[0], one.visible)
+            one.gain / space.real_gain(one.extra), one.more.candidate.ids[0], one.visible)
             for one in singles), default=(0.0, '', 0.0))
         if share > 1.0 / NEAR:
             near.append(wording.almost_a_cause_words(titles[name], share, visible))
     for name in fit.candidate.ids:
         gain = space.without(fit, name).misfit - fit.misfit
-        if gain < NEAR * space.real_gain:
-            near.append(wording.BARELY_REAL.format(titles[name], gain / space.real_gain))
+        if gain < NEAR * space.real_gain():
+            near.append(wording.BARELY_REAL.format(titles[name], gain / space.real_gain()))
     if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
         near.append(wording.BARELY_TAKEN.format(percent(taken), percent(MIN_TAKEN)))
     falls = space.base.whitened**2 - fit.whitened**2
@@ -134,7 +134,7 @@ class _Sums:
         """
         price = self._space.log_size * self.fit.theta_unit.size
         if self.fit.candidate.effects:
-            price += max(self._space.real_gain - self._space.log_size, 0.0)
+            price += max(self._space.real_gain() - self._space.log_size, 0.0)
         products = np.tensordot(weights, self._products, axes=1)
         if factor != 1.0:
             strength = self._space.metric.shared.strength

@@ -62,7 +62,7 @@ def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
         white = np.column_stack([slopes, residual])
         return stepped_misfit(white.T @ white)
 
-    least = misfit(space.tangent_of(fit).white, fit.whitened) + space.real_gain
+    least = misfit(space.tangent_of(fit).white, fit.whitened) + space.real_gain()
     whiten, measured = space.metric.whiten, space.problem.measured
     return [wording.ONE_VIEW.format(space.problem.titles[name], view)
             for view, plain, prediction in space.confined(fit, name, space.settings.materiality)
