@@ -20,9 +20,9 @@ class Plays:
         self._play = np.full(reaches.size, start)
 
     def push(self, value: float) -> Array:
-        """The part of the drive (R,) that the plays do not follow, from -r to r."""
+        """The part of the drive (R,) that the plays do not follow over their reach, -1 to 1."""
         np.clip(self._play, value - self._reaches, value + self._reaches, out=self._play)
-        return np.asarray(value - self._play)
+        return np.asarray((value - self._play) / self._reaches)
 
 
 class Relaxations:

@@ -23,7 +23,10 @@ REACH = 3.0
 
 CHANNELS = {f'd{probe}': f'eddy_current_{probe}' for probe in (1, 2, 3, 4)}
 UNITS = {'gamma': 'rad', 'hydraulic_load': 'N'}
-ALONG = {'load': 'N', 'direction': 'N', 'hysteresis': 'N', 'rate': 'N/s', 'time': 's'}
+ALONG = {'load': 'N', 'direction': 'N', 'rate': 'N/s', 'time': 's'}
+REMEMBERED = {'plays': ('reach', 'N', 'hysteresis'), 'relaxation': ('lag', 's', 'relaxation')}
+"""What weights of a law stand at that remembers the load, its unit, and their coordinate in a
+file."""
 
 
 def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[str, Any] | None:
@@ -33,7 +36,9 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
     terms = []
     for term in law.terms:
         channel = CHANNELS.get(term.target, term.target)
-        unit, along = UNITS.get(channel, 'm'), ALONG.get(term.coordinate, '1')
+        over, at_unit, _ = REMEMBERED.get(term.memory) or (
+            term.coordinate, ALONG.get(term.coordinate, '1'), '')
+        unit, along = UNITS.get(channel, 'm'), 'N' if term.memory else at_unit
         units = {'target': unit, 'coordinate': along, 'target per coordinate': f'{unit}/{along}'}
         terms.append({
             'channel': channel, 'coordinate': term.coordinate, 'law': term.law,
@@ -44,8 +49,9 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
                     'interval_95': [size.value + side * WIDTH_95 * size.std for side in (-1, 1)]}
                 for name, size in term.parameters.items()},
             'curve': {
-                'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),
-                'std': term.band.tolist(), 'unit': unit}})
+                'over': over, 'at': term.at.tolist(), 'at_unit': at_unit,
+                'values': term.values.tolist(), 'std': term.band.tolist(),
+                'unit': units['target per coordinate'] if over == 'lag' else unit}})
     return {
         **terms[0], 'gain': {'fit': law.fit, 'held_out': law.held_out}, 'share': law.share,
         'p_value': law.p_value, 'doubts': list(law.doubts),
@@ -90,17 +96,9 @@ def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -
 
 def _table(term: Term) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Coordinate of the effect file, and the law over it."""
-    if term.law == 'relaxation':
-        return 'relaxation', term.at, term.values
-    if term.law == 'plays':
+    if term.memory:
         used = term.values != 0.0
-        return 'hysteresis', term.at[used], term.values[used]
-    if term.law == 'exponential memory':
-        one = np.array([term.parameters['lag'].value])
-        return 'relaxation', one, np.array([term.parameters['slope'].value])
-    if term.law == 'play':
-        one = np.array([abs(term.parameters['reach'].value)])
-        return 'hysteresis', one, np.array([term.parameters['size'].value])
+        return REMEMBERED[term.memory][2], term.at[used], term.values[used]
     if term.form is None:
         return term.coordinate, term.at, term.values
     at = np.linspace(term.at[0], term.at[-1], TABLE_POINTS)

@@ -83,7 +83,7 @@ class LawHistory:
         law, step = self._law, time - self._last
         change, self._last, self._load = load - self._load, time, load
         if law.coordinate == 'hysteresis':
-            return law.size * float((self._plays.push(load) / self._at) @ self._values)
+            return law.size * float(self._plays.push(load) @ self._values)
         if law.coordinate == 'relaxation':
             return law.size * float(self._relaxations.push(step, change) @ self._values)
         along = load

@@ -431,13 +431,18 @@ def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
     size, unit = {'N': (newtons, force_unit), 'N/s': (newtons, f'{force_unit}/s'),
                   '1': (1.0, '')}.get(curve['at_unit'], (1.0, curve['at_unit']))
     at = np.array(curve['at'], float) / size
-    is_load = curve['unit'] == 'N'
+    is_load, over = term['channel'] == 'hydraulic_load', curve.get('over', term['coordinate'])
     scale = 1.0 / newtons if is_load else MICRO
     values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
     shown = force_unit if is_load else MICRO_UNITS.get(term['channel'], 'µm')
-    across = term['coordinate'] + (f' / {unit}' if unit else '')
+    shown += ' per N' * (over == 'lag')
+    across = over + (f' / {unit}' if unit else '')
+    low, high = (values + side * spread for side in (-2.0, 2.0))
     series = (charts.line(at, values, charts.AFTER, 'proposed law'), *(
-        charts.line(at, values + side * spread, charts.AFTER, dash=':') for side in (-2.0, 2.0)))
+        charts.line(at, end, charts.AFTER, dash=':') for end in (low, high)))
+    if over in ('reach', 'lag'):  # weights of plays or relaxations
+        series = (markers(at, values, 'o', charts.AFTER, 'proposed law'),
+                  charts.strokes(at, low, high, dash=':', colour=charts.AFTER))
     panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
     return Chart((panel,), width=7.0, height=3.2)
 

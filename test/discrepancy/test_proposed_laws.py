@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.discrepancy.law import families
-from saddlering_ros.discrepancy.law.families import Misfit, ObservedRun, Products, relaxations
+from saddlering_ros.discrepancy.law.families import MEMORY, Misfit, ObservedRun, PLAY, Products
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
+from saddlering_ros.report import figures
 
 NOISE = 0.02
 TIME = np.arange(300) * 0.05
@@ -57,9 +59,10 @@ LAWS = {
     'dead zone': (lambda c: 0.8 * np.maximum(c['load'] - 0.55, 0.0), 'load'),
     'power': (lambda c: 0.3 * np.sqrt(c['load']), 'load'),
     'constant': (lambda c: 0.1 * c['direction'], 'direction'),
-    'play': (lambda c: families.stop_operators(c['load'], np.array([0.12]))[:, 0], 'hysteresis'),
+    'play': (
+        lambda c: 0.12 * families.remembered(PLAY, c, np.array([0.12]))[:, 0], 'hysteresis'),
     'exponential memory': (
-        lambda c: relaxations(c['time'], c['load'], np.array([1.0]))[:, 0], 'rate')}
+        lambda c: families.remembered(MEMORY, c, np.array([1.0]))[:, 0], 'rate')}
 
 
 @pytest.mark.parametrize('law', LAWS)
@@ -70,6 +73,24 @@ def test_a_simple_law_is_found_by_its_coordinate_and_name(law: str) -> None:
     assert (found.terms[0].target, found.terms[0].coordinate) == ('one', coordinate)
     assert found.terms[0].law == law
     assert found.fit > 0.8
+
+
+@pytest.mark.parametrize(('law', 'over', 'at_unit', 'unit'), [
+    ('play', 'reach', 'N', 'm'), ('exponential memory', 'lag', 's', 'm/N')])
+def test_a_law_that_remembers_the_load_is_told_and_drawn_by_its_weight(
+        law: str, over: str, at_unit: str, unit: str) -> None:
+    found = proposed(LAWS[law][0])
+    assert found is not None
+    size, reach = found.terms[0].parameters.values()
+    [term] = proposal_document(found, ())['terms']
+    curve = term['curve']
+    assert (curve['over'], curve['at_unit'], curve['unit']) == (over, at_unit, unit)
+    assert (curve['at'], curve['values'], curve['std']) == (
+        [reach.value], [size.value], [size.std])
+    assert [one['unit'] for one in term['parameters'].values()] == [unit, at_unit]
+    weight, spread = figures.proposed_law(term, 't').panels[0].series
+    assert weight.marker == 'o'
+    assert np.isfinite(spread.y).sum() == 2
 
 
 def test_the_parameters_of_a_step_lie_in_their_intervals() -> None:

@@ -23,6 +23,8 @@ from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 
 LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'
 HYSTERESIS = 'hysteresis'
+PLAY, MEMORY = 'plays', 'relaxation'
+"""Kinds of families that remember the load."""
 
 PIECES, OTHER_PIECES = {LOAD: 32, DIRECTION: 12, RATE: 10, TIME: 24}, 16
 """Pieces of the splines by coordinate and of any other one. A penalty on roughness decides how
@@ -50,21 +52,18 @@ MIN_RIDGE = 1e-9
 """Smallest regularisation, as a share of the mean square: invertible in double precision."""
 
 
-def stop_operators(drive: Array, reaches: Array) -> Array:
-    """(N, R): the drive (N,) minus the output of plays with half widths `reaches` (R,)."""
-    plays = Plays(np.asarray(reaches, dtype=np.float64), float(drive[0]))
-    return np.array([plays.push(value) for value in drive.tolist()])
+def remembered(kind: str, coordinates: Mapping[str, Array], at: Array) -> Array:
+    """Plays of the load (N, k) by their reaches `at`, or relaxations by time constants [s].
 
-
-def relaxations(time: Array, drive: Array, constants: Array) -> Array:
-    """(N, T): the drive (N,) minus first-order lags of it with time constants (T,) [s].
-
-    Every lag rests at the first sample. The drive is linear between samples.
+    A play counts over its reach. A lag rests at the first sample; the load is linear in between.
     """
-    lags = Relaxations(np.asarray(constants, dtype=np.float64))
-    pairs = zip(np.diff(time).tolist(), np.diff(drive).tolist(), strict=True)
-    first = np.zeros(np.size(constants))
-    return np.array([first, *(lags.push(step, change) for step, change in pairs)])
+    load = coordinates[LOAD]
+    if kind == PLAY:
+        plays = Plays(at, float(load[0]))
+        return np.array([plays.push(value) for value in load.tolist()])
+    lags = Relaxations(at)
+    pairs = zip(np.diff(coordinates[TIME]).tolist(), np.diff(load).tolist(), strict=True)
+    return np.array([np.zeros(at.size), *(lags.push(step, change) for step, change in pairs)])
 
 
 def direction_of(drive: Array, band: float) -> Array:
@@ -143,8 +142,8 @@ class Misfit:
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (n,) minus its part by base parameters."""
-        white = self.whiten(np.concatenate([run.residual.ravel() for run in self.runs])[:, None])
-        return np.asarray(white - self.base @ (self.base.T @ white))[:, 0]
+        plain = np.concatenate([run.residual.ravel() for run in self.runs])
+        return self._beside_base(plain[:, None])[:, 0]
 
     def plain(self, target: str, shapes: Sequence[Array]) -> Array:
         """Stacked columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
@@ -220,10 +219,10 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
     """Every family that these runs can show."""
     low, high = loads = span_of(runs, LOAD)
     reaches = np.geomspace(*REACHES, PLAYS) * (high - low)
-    plays = tuple(stop_operators(run.coordinates[LOAD], reaches) / reaches for run in runs)
+    plays = tuple(remembered(PLAY, run.coordinates, reaches) for run in runs)
     blocks = [
         _curve(runs, LOAD),
-        ShapeFamily(HYSTERESIS, 'plays', plays, np.eye(PLAYS), loads, reaches, non_negative=True)]
+        ShapeFamily(HYSTERESIS, PLAY, plays, np.eye(PLAYS), loads, reaches, non_negative=True)]
     names = set.intersection(*(set(run.coordinates) for run in runs))
     if DIRECTION in names and any(np.ptp(run.coordinates[DIRECTION]) > 0.0 for run in runs):
         shapes = tuple(
@@ -235,10 +234,9 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
         longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
         lags = np.geomspace(2.0 * step, max(0.5 * longest, 4.0 * step), LAGS)
         shapes = tuple(
-            relaxations(run.coordinates[TIME], run.coordinates[LOAD], lags) / (high - low)
-            for run in runs)
+            remembered(MEMORY, run.coordinates, lags) / (high - low) for run in runs)
         blocks += [_curve(runs, RATE),
-                   ShapeFamily(RATE, 'relaxation', shapes, np.eye(LAGS), loads, lags)]
+                   ShapeFamily(RATE, MEMORY, shapes, np.eye(LAGS), loads, lags)]
     blocks.append(_curve(runs, TIME))
     others = names - {LOAD, DIRECTION, RATE, TIME}
     return blocks + [_curve(runs, name) for name in sorted(others)]

@@ -39,7 +39,7 @@ class Form:
 
     amplitudes, shapes: names; a shape that ends in '*' has the unit of the coordinate, one in '_s'
     is in seconds, and the others are plain numbers. words: the formula. grid: shape values to
-    start from, for a range (low, high).
+    start from, for a range (low, high). memory: kind of family, of a law that remembers the load.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Form:
     curve: Callable[[Array, Shape], list[Array]]
     grid: Callable[[float, float], Iterable[tuple[float, ...]]]
     coordinate: str = LOAD
+    memory: str = ''
 
     @property
     def searched(self) -> list[int]:
@@ -57,12 +58,9 @@ class Form:
 
     def columns(self, coordinates: Coordinates, shape: Shape) -> Array:
         """The law (N, m) along a run, one column for each amplitude."""
-        if self.name == 'play':
-            reach = max(abs(shape[0]), 1e-300)
-            return families.stop_operators(coordinates[LOAD], np.array([reach])) / reach
-        if self.name == 'exponential memory':
-            constant = np.array([max(abs(shape[0]), 1e-300)])
-            return families.relaxations(coordinates[families.TIME], coordinates[LOAD], constant)
+        if self.memory:
+            return families.remembered(
+                self.memory, coordinates, np.array([max(abs(shape[0]), 1e-300)]))
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.column_stack(self.curve(coordinates[along], shape))
         return curve * coordinates[DIRECTION][:, None] if along != self.coordinate else curve
@@ -119,13 +117,16 @@ PLAY = Form('play', ('size',), ('reach*',),
             'size z, z the load less a play of half width reach, over reach', lambda u, _: [u],
             lambda low, high: [
                 (float(share * (high - low)),) for share in np.geomspace(0.004, 0.5, 12)],
-            families.HYSTERESIS)
+            families.HYSTERESIS, families.PLAY)
 
 MEMORY = Form('exponential memory', ('slope',), ('lag_s',),
               'slope (load less its first-order lag of time constant lag)', lambda u, _: [u],
               lambda low, high: [
                   (float(low * (high / low) ** share),) for share in np.linspace(0.0, 1.0, 12)],
-              families.RATE)
+              families.RATE, families.MEMORY)
+
+MEMORIES = {form.memory: form for form in (PLAY, MEMORY)}
+"""Laws that remember the load, by the kind of their family."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,8 @@ class Term:
     """One addition to one target: a simple law, or a curve with its band.
 
     parameters: amplitudes first. at, values, band (K,): the coordinate, the curve and its standard
-    deviation; for a simple law, those of the law; for plays and relaxations, their weights at
-    their reaches or lags.
+    deviation; for a simple law, those of the law; for a law that remembers the load, weights at
+    reaches of plays or at lags.
     """
 
     target: str
@@ -147,18 +148,20 @@ class Term:
     band: Array
     form: Form | None = None
 
+    @property
+    def memory(self) -> str:
+        """Kind of family of a law that remembers the load, else ''."""
+        return self.form.memory if self.form else self.law if self.law in MEMORIES else ''
+
     def evaluate(self, coordinates: Coordinates) -> Array:
         """The addition (N,) along one run."""
+        if self.memory:
+            return np.asarray(
+                families.remembered(self.memory, coordinates, self.at) @ self.values)
         if self.form is not None:
             numbers = np.array([number.value for number in self.parameters.values()])
             sizes, shape = np.split(numbers, [len(self.form.amplitudes)])
             return np.asarray(self.form.columns(coordinates, shape) @ sizes)
-        if self.law == 'plays':
-            plays = families.stop_operators(coordinates[LOAD], self.at) / self.at
-            return np.asarray(plays @ self.values)
-        if self.law == 'relaxation':
-            lags = families.relaxations(coordinates[families.TIME], coordinates[LOAD], self.at)
-            return np.asarray(lags @ self.values)
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.interp(coordinates[along], self.at, self.values)
         return curve * coordinates[DIRECTION] if self.coordinate == DIRECTION else curve
@@ -252,16 +255,17 @@ class _Match:
             unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
             parameters[name.rstrip('*').removesuffix('_s')] = Estimate(
                 float(shape[index]), of_shapes.get(index, 0.0), unit)
-        at = np.linspace(*block.span, CURVE_POINTS)
-        term = Term(self.fit.target, block.coordinate, form.name, form.words, parameters, at,
-                    np.zeros(at.size), np.zeros(at.size), form)
-        if block.memory is not None:
+        term = Term(self.fit.target, block.coordinate, form.name, form.words, parameters,
+                    np.abs(shape), sizes, np.array(deviations[:sizes.size]), form)
+        if term.memory:
             return term
+        at = np.linspace(*block.span, CURVE_POINTS)
         along = {**dict.fromkeys((LOAD, block.coordinate), at), DIRECTION: np.ones(at.size)}
         own = form.columns(along, shape)
         of_sizes = covariance[:own.shape[1], :own.shape[1]]
         variance = np.einsum('ni,ij,nj->n', own, of_sizes, own)
-        return replace(term, values=term.evaluate(along), band=np.sqrt(np.maximum(variance, 0.0)))
+        return replace(term, at=at, values=term.evaluate(along),
+                       band=np.sqrt(np.maximum(variance, 0.0)))
 
 
 def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
@@ -274,8 +278,8 @@ def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
     def price(law: tuple[float, Array, _Match]) -> float:
         return bic(law[0], len(law[2].form.amplitudes) + len(law[2].form.shapes))
 
-    forms = {'plays': [PLAY], 'relaxation': [MEMORY]}.get(
-        fit.block.kind, [replace(form, coordinate=along) for form in CURVES])
+    forms = [MEMORIES[fit.block.kind]] if fit.block.kind in MEMORIES else [
+        replace(form, coordinate=along) for form in CURVES]
     if along == DIRECTION:
         forms = [replace(form, coordinate=along, words=f'direction * {form.words}')
                  for form in (*CURVES, CONSTANT)]
@@ -298,7 +302,7 @@ def _curve_term(fit: BlockFit, left: float) -> Term:
     block, coefficients = fit.block, fit.coefficients
     covariance = fit.covariance * max(1.0, left)
     if block.memory is not None:
-        scale = 1.0 if block.kind == 'plays' else 1.0 / (block.span[1] - block.span[0])
+        scale = 1.0 if block.kind == families.PLAY else 1.0 / (block.span[1] - block.span[0])
         spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         words = {'plays': 'a sum of plays', 'relaxation': 'a sum of relaxations'}[block.kind]
         return Term(fit.target, block.coordinate, block.kind, words, {}, block.memory,
