@@ -125,8 +125,8 @@ WAVE_SAMPLES = 4
 
 
 CONSTANT, MIN_CONSTANT = 'no coordinate, as a constant does', 0.9
-"""What a misfit goes along of which a constant makes up this share of the power: every coordinate
-has a constant, and a switch with two values would be named, because it has no other shape."""
+"""What a misfit goes along whose mean has this share of the power of a shape: every coordinate has
+a constant, and a switch with two values would be named, because it has no other shape."""
 
 
 @dataclass(frozen=True)
@@ -340,10 +340,10 @@ class LackOfFitTests:
                     view, root, inner, tangent.plain @ (parameters @ shared.T)
                 ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
                 run = problem.run_along(residual, shape, view)
-                seen, weights = problem.view_residuals(shape, view)[run], problem.sample_weights(
-                    problem.runs[run], view)
-                is_constant = (np.average(seen, weights=weights) ** 2
-                               > MIN_CONSTANT * np.average(seen**2, weights=weights))
+                left, taken = (problem.view_residuals(one, view)[run] for one in (residual, shape))
+                weights = problem.sample_weights(problem.runs[run], view)
+                is_constant = np.average(left, weights=weights) ** 2 > MIN_CONSTANT * min(
+                    np.average(one**2, weights=weights) for one in (left, taken))
                 tests.append(ShapeTest(
                     view, CONSTANT if is_constant else coordinate, float(chance), statistic,
                     max(count, 1), float(size), shape if chance < MAX_CHANCE else None, beyond,
