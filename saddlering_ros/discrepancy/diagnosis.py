@@ -1,6 +1,6 @@
 """`diagnose` and `check` for a declared model of any machine."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import time as clock
 
@@ -124,9 +124,9 @@ FEW_SAMPLES = 0.01
 errs, or in a shock. Of normal noise they hold 7 %."""
 
 
-def _few_samples(diagnosis: results.Diagnosis) -> Iterator[str]:
-    """A sentence for each channel of a run of which few samples hold most of the misfit."""
-    problem = diagnosis.fits.metric.problem
+def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
+    """A sentence for each channel of which few samples of a run hold most of the misfit."""
+    problem, found = diagnosis.fits.metric.problem, dict[str, str]()
     for one in diagnosis.runs:
         for residual, (name, scale) in zip(
                 one.after - one.run.channels, problem.view_ranges.items(), strict=True):
@@ -137,10 +137,11 @@ def _few_samples(diagnosis: results.Diagnosis) -> Iterator[str]:
             count = 1 + int(np.searchsorted(held, 0.5))
             if count <= max(FEW_SAMPLES * powers.size, 1) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
-                yield wording.FEW_SAMPLES.format(
+                found.setdefault(name, wording.FEW_SAMPLES.format(
                     name, one.run.name, count, powers.size,
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
-                    percent(held[count - 1]))
+                    percent(held[count - 1])))
+    return [*found.values()]
 
 
 OPEN = {'none': 0.5, 'unknown': 0.5}
