@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.memory_operators import Direction
 from saddlering_ros.monitoring import detector
 from saddlering_ros.monitoring.detector import BlockWatch, MonitoringError, RestLearner, RestNoise
 from saddlering_ros.quantities import quantity, signed
@@ -355,9 +356,9 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
-    came = _came(load, rest_band)
-    moving = came[came != 0.0]
-    is_one_way = moving.size > 0 and abs(moving.mean()) > ONE_WAY
+    turning = Direction(rest_band, float(load[0]))
+    came = np.array([turning.push(value) for value in load.tolist()])  # friction keeps it at rest
+    is_one_way = np.ptp(load) > rest_band and abs(came.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         # Friction after the load has turned is an offset too, until the load turns again; a rest
         # of the load changes nothing.
@@ -371,18 +372,6 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
             abs(direction.mean()) > ONE_WAY or abs(np.corrcoef(load, time)[0, 1]) > ONE_WAY):
         return ''
     return best if strength > MIN_CORRELATION else 'unclear'
-
-
-def _came(load: Array, rest_band: float) -> Array:
-    """The direction (N,) in which a load came, which friction keeps while it is held."""
-    signs, sign, farthest = [], 0.0, float(load[0])
-    for value in load.tolist():
-        if abs(value - farthest) > rest_band:
-            sign = math.copysign(1.0, value - farthest)
-        if sign * (value - farthest) > 0.0:
-            farthest = value
-        signs.append(sign)
-    return np.array(signs)
 
 
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
