@@ -250,11 +250,9 @@ def _sound_words(document: VerdictDocument) -> str:
     One beyond what `validate` allows comes first, with the size of a cause that it may hide.
     """
     cases = [(misfit > quantities.allowed_misfit(floor, sound), misfit, floor, sound, name)
-             for run in document['runs'] for name, channel in run['channels'].items()
-             for misfit, floor, sound in [(channel['nrmse_before'] or 0.0,
-                                           channel['noise_floor'] or 0.0,
-                                           channel.get('sound') or 0.0)]
-             if name != 'parity' and misfit > quantities.allowed_misfit(floor)]
+             for name, _, item in _misfits(document) for misfit, floor, sound in [(
+                 item['nrmse_before'] or 0.0, item['noise_floor'] or 0.0,
+                 item.get('sound') or 0.0)] if misfit > quantities.allowed_misfit(floor)]
     if not cases:
         return ''
     is_more, misfit, floor, sound, name = max(cases)

@@ -222,10 +222,9 @@ def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Arra
     before = after = 0.0
     having = amplitude > 0.0
     for segment in segments:
-        values, swings = _detrended(segment.values[having]), _turns(segment, frequency)
-        parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
+        values, parts, _ = _fitted(replace(segment, values=segment.values[having]), frequency)
         size = np.maximum(np.hypot(*parts), 1e-300)
-        left = values.T - swings @ (parts * (amplitude[having] / size))
+        left = values.T - _turns(segment, frequency) @ (parts * (amplitude[having] / size))
         before += float((values**2).sum())
         after += float((left**2).sum())
     return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))
