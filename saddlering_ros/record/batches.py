@@ -17,7 +17,7 @@ nanoseconds; `seconds_array` converts them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -130,18 +130,21 @@ class Displacements:
     channels: Floats  # (4, N): delta_x, delta_y [m], gamma [rad], parity [m]; NaN: not known
     zero_stamps: Stamps  # (N,) [ns] of the zero that they count from
     zero_loads: Floats  # (N,) [N] of the same zero
-    elevations: Floats = field(default_factory=lambda: np.empty(0))  # (N,) [rad], NaN: not known
-    validity: Bits = field(default_factory=lambda: np.empty(0, np.uint8))
-    zero_durations: Floats = field(default_factory=lambda: np.empty(0))  # [s] of its samples
+    elevations: Floats  # (N,) [rad], NaN: not known
+    validity: Bits
+    zero_durations: Floats  # (N,) [s] of its samples
 
-    def __post_init__(self) -> None:
-        count = len(self.stamps)
-        if len(self.elevations) != count:
-            object.__setattr__(self, 'elevations', np.full(count, np.nan))
-        if len(self.validity) != count:
-            object.__setattr__(self, 'validity', np.zeros(count, np.uint8))
-        if len(self.zero_durations) != count:
-            object.__setattr__(self, 'zero_durations', np.zeros(count))
+    @classmethod
+    def from_zero(
+        cls, stamps: Stamps, channels: Floats, zero: tuple[int, int], load: float,
+        elevation: float = math.nan, validity: Bits | None = None,
+    ) -> Displacements:
+        """Displacements from one zero: first and last stamp of its samples [ns], its load [N]."""
+        count, (first, last) = len(stamps), zero
+        return cls(stamps, channels, np.full(count, first), np.full(count, load),
+                   np.full(count, elevation),
+                   np.zeros(count, np.uint8) if validity is None else validity,
+                   np.full(count, (last - first) / SECOND))
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -154,8 +157,7 @@ class Displacements:
 
 def no_displacements() -> Displacements:
     """An empty batch of displacements."""
-    none = np.empty(0, np.int64)
-    return Displacements(none, np.empty((4, 0)), none, np.empty(0))
+    return Displacements.from_zero(np.empty(0, np.int64), np.empty((4, 0)), (0, 0), 0.0)
 
 
 def join(batches: Sequence[Displacements]) -> Displacements:

@@ -62,10 +62,8 @@ def displacements(
     validity = batches.unknown(channels)
     if marks is not None:
         validity |= marks
-    ones = np.ones(len(stamps))
-    batch = Displacements(
-        stamps, channels, np.full(len(stamps), zero.stamp), zero.reading.load * ones,
-        elevation * ones, validity, (zero.last_stamp - zero.stamp) / batches.SECOND * ones)
+    batch = Displacements.from_zero(stamps, channels, (zero.stamp, zero.last_stamp),
+                                    zero.reading.load, elevation, validity)
     if not np.count_nonzero(validity):  # the usual case
         return batch
     return batch.pick(batches.is_published(validity))

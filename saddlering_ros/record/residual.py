@@ -260,7 +260,7 @@ class SimulationStream:
         self._pushed: NDArray[np.int64] = np.empty(0, np.int64)
         self.zero_stamp = 0
         self.zero_elevation = self.elevation
-        self._zero_duration = 0.0
+        self._zero_end = 0
 
     def restart(self, *, zero_anywhere: bool = False) -> None:
         """Start anew; the next samples near preload (or at any load) make the zero."""
@@ -348,7 +348,7 @@ class SimulationStream:
         if zero is not None and not self.zero_stamp:
             of_zero = pushed[first:first + zero.end - zero.start]
             self.zero_stamp = int(of_zero[0])
-            self._zero_duration = int(of_zero[-1] - of_zero[0]) / SECOND
+            self._zero_end = int(of_zero[-1])
         self._pushed = pushed[len(pushed) - pending:]
         if zero is None or not len(time):
             return batches.no_displacements()
@@ -358,12 +358,9 @@ class SimulationStream:
         if not converged.all():
             self.counters.not_converged += int(np.count_nonzero(~converged))
             times, channels = times[converged], channels[:, converged]
-        return Displacements(times, channels,
-                             np.full(len(times), self.zero_stamp),
-                             np.full(len(times), zero.load),
-                             np.full(len(times), self.elevation),
-                             self.guard.marks(times, to_next=True),
-                             np.full(len(times), self._zero_duration))
+        return Displacements.from_zero(
+            times, channels, (self.zero_stamp, self._zero_end), zero.load, self.elevation,
+            self.guard.marks(times, to_next=True))
 
 
 def simulated_stretches(
@@ -380,14 +377,12 @@ def simulated_stretches(
         for simulated in simulate_in_blocks(
                 rig, parameters, run.elevation, run.time, run.load, BLOCK):
             rows = slice(simulated.first, simulated.first + len(simulated.time))
-            channels, count = simulated.displacement.channels, len(simulated.time)
+            channels = simulated.displacement.channels
             failed, zero = simulated.failed_steps, simulated.zero
             first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
-            batch = Displacements(
-                run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
-                np.full(count, run.elevation),
-                np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
-                np.full(count, (last - first) / SECOND),
+            batch = Displacements.from_zero(
+                run.stamps[rows], channels, (first, last), zero.load, run.elevation,
+                None if run.load_marks is None else run.load_marks[rows],
             ).pick(np.flatnonzero(np.isfinite(channels).all(axis=0)))
             has_sample = has_sample or bool(len(batch))
             if has_sample:

@@ -57,7 +57,7 @@ def test_messages_of_a_probe_that_a_replay_sent_and_that_did_not_come_are_counte
 
 @pytest.mark.ros
 def test_a_displacement_may_come_before_the_load_of_its_test(ros_domain):
-    rows = Displacements(STAMPS, np.ones((4, 100)), STAMPS, np.ones(100))
+    rows = Displacements.from_zero(STAMPS, np.ones((4, 100)), (int(STAMPS[0]),) * 2, 1.0)
     with Watcher(ros_domain) as watcher:
         watcher.traces.push('load', STAMPS, np.ones((1, 100)))
         watcher.clear()

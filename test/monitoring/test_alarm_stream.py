@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,16 +26,8 @@ def record_fixture():
     channels[0, time >= 5.0] += 10e-6
     stamps = 1_700_000_000_000_000_000 + np.round(1e9 * time).astype(np.int64)
     load = RIG.preload + 1e5 * np.sin(np.maximum(time - 3.0, 0.0))**2
-    count = time.size
-    return Displacements(stamps, channels, np.full(count, stamps[0]), np.full(count, RIG.preload),
-                         np.full(count, ELEVATION)), Samples(stamps, load)
-
-
-def part(found, rows):
-    if isinstance(found, Samples):
-        return Samples(found.stamps[rows], found.values[rows])
-    return Displacements(found.stamps[rows], found.channels[:, rows], found.zero_stamps[rows],
-                         found.zero_loads[rows], found.elevations[rows])
+    return Displacements.from_zero(stamps, channels, (int(stamps[0]),) * 2, RIG.preload,
+                                   ELEVATION), Samples(stamps, load)
 
 
 def pushed(record, *, pace, behind=0, parameters_at=0):
@@ -46,8 +40,8 @@ def pushed(record, *, pace, behind=0, parameters_at=0):
             stream.use(TRUE_TO_SCALE)
         here = slice(turn * pace, (turn + 1) * pace)
         late = slice(max(0, turn - behind) * pace, max(0, turn - behind + 1) * pace)
-        stream.push(part(residual, late) if turn >= behind else no_displacements(),
-                    part(load, here))
+        stream.push(residual.pick(late) if turn >= behind else no_displacements(),
+                    load.pick(here))
     return stream
 
 
@@ -85,8 +79,7 @@ def test_a_residual_within_materiality_does_not_alarm_and_one_beyond_does(record
     for share, alarms in ((1.9, False), (4.0, True)):
         channels = quiet.copy()
         channels[0] += share * allowed * np.sign(np.gradient(load.values))  # as friction would
-        other = Displacements(residual.stamps, channels, residual.zero_stamps,
-                              residual.zero_loads, residual.elevations)
+        other = replace(residual, channels=channels)
         assert (pushed((other, load), pace=500).monitor.alarm is not None) == alarms
 
 
@@ -106,10 +99,10 @@ def test_a_load_that_is_lost_costs_its_residual_and_a_replay_from_the_start_begi
     rows = np.delete(np.arange(1000), [5, 600])
     stream = AlarmStream(RIG, MonitorSettings(), 2.0)
     stream.use(TRUE_TO_SCALE)
-    stream.push(part(residual, slice(0, 1000)), part(load, rows))
+    stream.push(residual.pick(slice(0, 1000)), load.pick(rows))
     assert stream.counters['without_load'] == 2
     assert stream.monitor.stamp == int(residual.stamps[999])
-    stream.push(part(residual, slice(0, 100)), part(load, slice(0, 100)))
+    stream.push(residual.pick(slice(0, 100)), load.pick(slice(0, 100)))
     assert stream.monitor.state == LEARNING
     assert 'jumped back' in stream.monitor.lapses[-1].reason
 

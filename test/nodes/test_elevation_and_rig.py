@@ -105,8 +105,8 @@ def test_displacements_at_different_elevations_are_not_subtracted() -> None:
     stamps = np.arange(1, 11)
 
     def side(degrees: float) -> Displacements:
-        return Displacements(stamps, np.ones((4, 10)), np.full(10, 5), np.full(10, 100.0),
-                             np.full(10, np.radians(degrees)))
+        return Displacements.from_zero(
+            stamps, np.ones((4, 10)), (5, 5), 100.0, np.radians(degrees))
 
     join = ResidualStream(FULL_SCALE_LOAD)
     assert len(join.push(side(50.0), side(70.0))) == 0

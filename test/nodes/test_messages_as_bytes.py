@@ -57,7 +57,8 @@ def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
 @pytest.mark.parametrize('frame', FRAMES)
 def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
     batch = Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES,
-                          np.array([0.5, -0.1, 1.0]), np.array([0, 3, 16], np.uint8))
+                          np.array([0.5, -0.1, 1.0]), np.array([0, 3, 16], np.uint8),
+                          np.zeros(3))
     messages = wire.encode_displacements(batch, frame)
     for index, raw in enumerate(messages):
         message = deserialize_message(raw, RingDisplacement)
@@ -80,7 +81,8 @@ def test_few_messages_are_read_and_written_as_many_are() -> None:
     count = 3 * FEW
     values = np.random.default_rng(0).normal(size=(6, count))
     batch = Displacements(STAMPS[0] + np.arange(count), values[:4], STAMPS[1] + np.arange(count),
-                          values[4], values[5], np.arange(count, dtype=np.uint8))
+                          values[4], values[5], np.arange(count, dtype=np.uint8),
+                          np.zeros(count))
     many = wire.encode_displacements(batch, 'ring')
     few = [wire.encode_displacements(batch.pick(np.array([row])), 'ring')[0]
            for row in range(count)]

@@ -186,8 +186,7 @@ def test_an_elevation_that_gives_within_a_test_is_followed_and_keeps_the_zero(re
 def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> Displacements:
     stamps = np.asarray(stamps, np.int64)
     channels = np.full((4, len(stamps)), value) + stamps * 1e-12
-    return Displacements(stamps, channels, np.full(len(stamps), zero, np.int64),
-                         np.full(len(stamps), zero_load))
+    return Displacements.from_zero(stamps, channels, (zero, zero), zero_load)
 
 
 def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> None:
@@ -234,10 +233,9 @@ def test_a_side_that_zeroed_anew_is_joined_by_what_the_other_did_meanwhile(resta
     for name, series in values.items():
         new = name == restarted
         rows = slice(2000, None) if new else slice(None)
-        count = len(stamps[rows])
-        sides[name] = Displacements(
+        sides[name] = Displacements.from_zero(
             stamps[rows], np.tile(series[rows] - (series[window].mean() if new else 0.0), (4, 1)),
-            np.full(count, zero if new else 5), np.full(count, 100.0))
+            (zero, zero) if new else (5, 5), 100.0)
     stream = ResidualStream(FULL_SCALE_LOAD)
     found = []
     for start in range(0, 4000, 130):
@@ -268,14 +266,11 @@ def test_the_bridge_averages_over_the_window_of_the_newer_zero(window: int) -> N
     """The measured side zeroed anew over 0.1 s of a drifting signal; 0.5 s would bias it."""
     stamps = np.arange(1, 2001) * 1_000_000
     motion = stamps * 1e-9  # both sides drift alike: the residual is zero
-    older = Displacements(stamps, np.tile(motion, (4, 1)), np.full(2000, 5),
-                          np.full(2000, 100.0))
+    older = Displacements.from_zero(stamps, np.tile(motion, (4, 1)), (5, 5), 100.0)
     new = slice(1000, None)
-    count = len(stamps[new])
-    newer = Displacements(
+    newer = Displacements.from_zero(
         stamps[new], np.tile(motion[new] - motion[1000:1000 + window].mean(), (4, 1)),
-        np.full(count, stamps[1000]), np.full(count, 100.0),
-        zero_durations=np.full(count, (window - 1) * 1e-3))
+        (stamps[1000], stamps[999 + window]), 100.0)
     found = ResidualStream(FULL_SCALE_LOAD).push(newer, older)
     assert len(found)
     assert np.abs(found.channels).max() < 1e-12
