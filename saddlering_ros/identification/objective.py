@@ -148,7 +148,8 @@ class WeightedObjective:
     def residuals(self, contacts: Array) -> Array:
         """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
         self.evaluations += len(contacts)
-        return _numbers(np.concatenate(self._of_each_run(contacts), axis=1), contacts)
+        white = self.whiten(self._left(contacts))
+        return _numbers(np.concatenate(white, axis=1), contacts)
 
     def linearised(self, contact: Array) -> LinearisedFit:
         """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
@@ -165,12 +166,13 @@ class WeightedObjective:
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
-        return [float(np.mean(residual**2)) for residual in self._of_each_run(contact[None, :])]
+        white = self.whiten(self._left(contact[None, :]))
+        return [float(np.mean(residual**2)) for residual in white]
 
-    def _of_each_run(self, contacts: Array) -> list[Array]:
-        return self.whiten([
-            increments - one.displacement
-            for increments, one in zip(self.increments(contacts), self.observations, strict=True)])
+    def _left(self, contacts: Array) -> list[Array]:
+        """Simulated minus measured increments (B, 3, N) of each run."""
+        return [increments - one.displacement for increments, one in zip(
+            self.increments(contacts), self.observations, strict=True)]
 
     def increments(self, contacts: Array) -> list[Array]:
         """Simulated increments (B, 3, N) of each run; those of the lowest fit so far are known."""
@@ -186,10 +188,7 @@ class WeightedObjective:
         With little damping the model responds to the load cell's noise by ringing, and the ring
         did not. Without the correction this noise would count as sensitivity to the parameters.
         """
-        white = self._plainly_white([
-            increments - one.displacement
-            for increments, one in zip(
-                self.increments(contact[None, :]), self.observations, strict=True)])
+        white = self._plainly_white(self._left(contact[None, :]))
         corrected = [
             one.with_load_less(shared.likely(residual[0]))
             for one, shared, residual in zip(self.observations, self.shared, white, strict=True)]
