@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy.problem.fits import around, Fit, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
-from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
+from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict.published import plain_fits
 
