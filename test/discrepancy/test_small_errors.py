@@ -111,6 +111,20 @@ def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
     assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
 
 
+def test_three_other_errors_that_are_large_leave_room_for_the_main_cause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Friction and drift of ring 559 took the places in which the gain of a probe would be."""
+    waves = {f'wave {number}': 0.004 * (-1) ** number for number in range(13)}
+    for number, name in enumerate(waves):
+        monkeypatch.setitem(SHAPES, name, lambda drive, speed, number=number: np.sin(
+            (3.3 + number) * drive))
+    answer = diagnosed({**SMALL, **waves, 'friction': 0.05, 'gap': 0.1, 'kink': 0.1,
+                        'cubic': 0.08}, *SHAPES)
+    assert (answer.verdict, answer.causes[0].effect) == ('named', 'friction')
+    assert abs(answer.causes[0].parameters['size'].value - 0.05) < 0.01
+
+
 def test_an_error_that_cannot_be_small_does_not_replace_a_cause_that_acts_alike() -> None:
     """The gain of a probe had no name, because a thousandth of a reversed sign did the same."""
     reversed_ = Effect('reversed', {'size': Parameter(0.5, 1.5, start=1.0, neutral=0.0)})
@@ -347,7 +361,8 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     monkeypatch.setattr(searching, '_with_contained_law', lambda space, tried: (
         searching._best(tried)))
     space: Any = SimpleNamespace(
-        problem=None, base=models[()].fit, foreseen=lambda fit: 0.0,
+        problem=SimpleNamespace(system=SimpleNamespace(effects=())),
+        base=models[()].fit, foreseen=lambda fit: 0.0,
         watch=SimpleNamespace(check=lambda: None),
         without=lambda fit, name: models[tuple(
             own for own in fit.candidate.ids if own != name)].fit)

@@ -33,8 +33,11 @@ an arc for the waviness of a raceway 35."""
 MAX_COMPARED = 8
 """Models that are compared with larger errors, at most."""
 
-MAX_CAUSES = 3
-"""Effects of a model at most: each further one fits what is left of a cause that is not listed."""
+MAX_CAUSES, MAX_OF_MANY, MANY = 3, 4, 20
+"""Effects of a model at most, and of one among so many effects that are listed. Each further one
+fits what is left of a cause that is not listed, and the spread is learnt from those that remain:
+of seven small errors, four would leave none. With three effects, three errors of a ring that are
+larger than usual kept its main cause out."""
 
 MAX_LOST = 0.15
 """Share of the logarithm of the likelihood, over that without both, that a law may lose in the
@@ -199,6 +202,7 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
         pairs = _with_another(space, max(singles, key=lambda model: model.evidence).fit)
         add(sorted(pairs, key=space.foreseen)[:MAX_PAIRS])
     done: set[Key] = set()
+    most = MAX_CAUSES if len(space.problem.system.effects) < MANY else MAX_OF_MANY
     for _ in range(MAX_STEPS):
         space.watch.check()
         # Effects that cancel each other are no model, but what takes the place of one may be.
@@ -210,7 +214,7 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
         for own in steps:
             done.add(own.candidate.key)
             names = own.candidate.ids
-            if len(names) < MAX_CAUSES:
+            if len(names) < most:
                 add(_with_another(space, own, MAX_TRIED))
             for name in names:
                 less = space.without(own, name)
