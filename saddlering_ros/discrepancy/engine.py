@@ -163,22 +163,23 @@ def _judged(search: Search) -> Answer:
 
 
 def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
-    """An answer after refits and a look at each run alone.
+    """An answer after refits and a look at each run, by noise alone (strict).
 
-    With it its stability, and whether a law that is not in it does as well or better. Runs are
-    looked at by noise alone (strict): beside learnt error a cause of some runs can be error.
+    With it its stability, and whether a law that is not in it does as well or better. Beside
+    learnt error a cause of some runs can be error.
     """
     stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None)
-    is_established = answer.verdict in ('named', 'ambiguous')
-    unshared = established.unshared(stability[0]) if is_established else []
+    unshared = (established.unshared(stability[0])
+                if answer.verdict in ('named', 'ambiguous') else [])
     answer = answer.doubted(unshared)
     confined = None if answer.verdict == 'none' else cause_of_some_runs(strict.space, strict.fit)
-    is_better = False
+    causes, is_better = answer.published.causes, False
     if confined is not None:
         name, sentence = confined
-        is_better = not answer.is_beside_error and not any(
-            name in cause.group for cause in answer.published.causes)
-        answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
+        is_better = not answer.is_beside_error and not any(name in cause.group for cause in causes)
+        answer = (answer.doubted([sentence]) if is_better or (
+            answer.is_beside_error and established.is_of_every_run(strict, causes, name))
+            else answer.noted(sentence))
     elif answer.verdict == 'unknown' and (run := odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
@@ -267,8 +268,7 @@ def _verdict(is_established: bool, published: Publication) -> results.Verdict:
         return 'unknown'
     if not published.causes:
         return 'none'
-    is_open = any(len(cause.group) > 1 for cause in published.causes)
-    return 'ambiguous' if is_open else 'named'
+    return 'ambiguous' if any(len(cause.group) > 1 for cause in published.causes) else 'named'
 
 
 def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:

@@ -251,6 +251,17 @@ def test_a_cause_of_some_runs_is_looked_for_by_noise_alone(observed: SimpleNames
         (id(space), id(fit)) for space, fit in observed.among]
 
 
+@pytest.mark.parametrize(('confined', 'verdict'), [('friction', 'unknown'), ('gap', 'named')])
+def test_a_main_cause_among_small_errors_that_fits_in_some_runs_has_no_name(
+    confined: str, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worn arc, at one elevation only, was named for a load offset that was not listed."""
+    monkeypatch.setattr(engine, 'cause_of_some_runs', lambda *_: (confined, 'in run 1 only'))
+    answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
+    assert answer.verdict == verdict
+    assert 'in run 1 only' in answer.warnings
+
+
 def test_small_errors_alone_have_no_main_cause() -> None:
     answer = diagnosed(SMALL, *SHAPES)
     assert answer.verdict == 'unknown'
