@@ -169,17 +169,17 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
     learnt error a cause of some runs can be error.
     """
     stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None)
-    unshared = (established.unshared(stability[0])
-                if answer.verdict in ('named', 'ambiguous') else [])
+    is_established = answer.verdict in ('named', 'ambiguous')
+    unshared = established.unshared(stability[0]) if is_established else []
     answer = answer.doubted(unshared)
     confined = None if answer.verdict == 'none' else cause_of_some_runs(strict.space, strict.fit)
     causes, is_better = answer.published.causes, False
     if confined is not None:
         name, sentence = confined
         is_better = not answer.is_beside_error and not any(name in cause.group for cause in causes)
-        answer = (answer.doubted([sentence]) if is_better or (
-            answer.is_beside_error and established.is_of_every_run(strict, causes, name))
-            else answer.noted(sentence))
+        is_unlike = answer.is_beside_error and established.must_fit_every_run(
+            strict, answer.published, name)
+        answer = answer.doubted([sentence]) if is_better or is_unlike else answer.noted(sentence)
     elif answer.verdict == 'unknown' and (run := odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))

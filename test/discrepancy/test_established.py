@@ -552,7 +552,12 @@ def test_a_cause_that_predicts_most_is_there_whatever_the_interval_of_its_size(
     sizes = {'size': system.Estimate(0.66, 0.64, '')}
     cause = Cause('law', law, 0, ('law',), sizes, 0.0, 0.0, 0.1, Gain(
         0.9, 0.88, 'held out', (least, 0.9)))
-    assert bool(established.uncertainties_of(cause, 'law', taking)) == is_told
+    space: Any = SimpleNamespace(problem=SimpleNamespace(
+        assumptions=SimpleNamespace(exact_laws=True), allowed_sizes={'seen': 0.0},
+        titles={'law': 'law'}))
+    published: Any = SimpleNamespace(causes=(cause,), main=cause, plain=SimpleNamespace(
+        point=system.Point((), {'law': {'size': taking}})))
+    assert bool(established.uncertain_law(space, published)) == is_told
 
 
 @pytest.mark.parametrize(('tilt', 'is_absent'), [(5.9, False), (0.5, True)])

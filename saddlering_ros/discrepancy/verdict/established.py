@@ -6,8 +6,6 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-import math
 
 import numpy as np
 
@@ -195,29 +193,35 @@ def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]
     """
     if any(space.problem.allowed_sizes.values()) or not published.causes:
         return []
-    main = published.main
-    if not space.problem.assumptions.exact_laws:
-        main = replace(main, gain=replace(main.gain, interval=None))
-    return uncertainties_of(main, space.problem.titles[main.effect], published.plain.point.effects[
-        main.effect][main.definition.size.name])
+    main, name = published.main, published.main.definition.size.name
+    low, high = main.parameters[name].interval or (-np.inf, np.inf)
+    # Where the size that takes this lies beyond the interval, a stand-in takes it.
+    is_present = space.problem.assumptions.exact_laws and takes_most(main) and (
+        low <= published.plain.point.effects[main.effect][name] <= high)
+    return uncertainties_of(main, space.problem.titles[main.effect], is_present)
 
 
-def uncertainties_of(cause: Cause, title: str, taking: float = math.nan) -> list[str]:
-    """Sentences on the absence, and on the limiting cases of shapes, in 95 % intervals.
+def takes_most(cause: Cause) -> bool:
+    """Whether a cause surely takes `MIN_TAKEN` of the power of predicted runs.
 
     An interval follows from the slopes at the fit. Where a parameter of the base grows with the
     size, the interval can include zero although a fit without the cause leaves the whole misfit.
-    A cause that surely takes `MIN_TAKEN` of the power of predicted runs is therefore present. A
-    law that contains others can be one of these alone, whatever it takes. taking: the size at
-    which the cause takes this; where it is beyond the interval, a stand-in takes it.
+    A law that contains others can be one of these alone, whatever it takes.
     """
-    sentences, size, reduction = [], cause.definition.size, cause.gain.interval
-    is_present = reduction is not None and reduction[0] > MIN_REDUCTION and (
+    reduction = cause.gain.interval
+    return reduction is not None and reduction[0] > MIN_REDUCTION and (
         not cause.definition.contains)
+
+
+def uncertainties_of(cause: Cause, title: str, is_present: bool) -> list[str]:
+    """Sentences on the absence, and on the limiting cases of shapes, in 95 % intervals.
+
+    is_present: the cause is there by what it takes, whatever the interval of its size includes.
+    """
+    sentences, size = [], cause.definition.size
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
-        if interval is None or (parameter is size and is_present
-                                and not (taking < interval[0] or taking > interval[1])):
+        if interval is None or (parameter is size and is_present):
             continue
         cases = (cause.definition.neutral,) if parameter is size else parameter.limiting_cases
         limit = next((case for case in cases if interval[0] <= case <= interval[1]), None)
@@ -313,7 +317,7 @@ def _min_times(published: Publication, name: str) -> float:
 def small_secondary_causes(published: Publication, main: str) -> list[str]:
     """Causes beside the main one whose interval or prediction of held-out runs refuses them."""
     return [cause.effect for cause in published.causes if cause.effect != main and (
-        cause.gain.is_surely_worse or uncertainties_of(cause, ''))]
+        cause.gain.is_surely_worse or uncertainties_of(cause, '', takes_most(cause)))]
 
 
 def doubts_among(
@@ -392,15 +396,14 @@ def other_laws(search: Search) -> list[str]:
         'shared directions', fit, lambda: wrong_law.shared_directions(search))
 
 
-def is_of_every_run(strict: Search, causes: Sequence[Cause], name: str) -> bool:
-    """Whether an effect is the main cause of a ring, whose laws are the same in every run.
+def must_fit_every_run(search: Search, published: Publication, name: str) -> bool:
+    """Whether an effect is the main cause among small errors, which can hide where it fits.
 
-    Small errors can hide that it fits in some runs only: a worn arc, of 22 % at one elevation and
-    1 % at the other one, had a name for a load offset that was not listed.
+    A worn arc, of 22 % at one elevation and 1 % at the other one, had a name for a load offset
+    that was not listed.
     """
-    main = max(causes, key=lambda cause: cause.visible, default=None)
-    return (not strict.space.problem.assumptions.exact_laws
-            and main is not None and main.effect == name)
+    return (search.space.problem.assumptions.has_small_errors and bool(published.causes)
+            and published.main.effect == name)
 
 
 def unshared(refits: Sequence[Refit]) -> list[str]:
