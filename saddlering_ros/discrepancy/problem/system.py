@@ -203,6 +203,11 @@ class Effect:
         return 0.0 if self.size.neutral is None else self.size.neutral
 
     @property
+    def can_be_small(self) -> bool:
+        """Whether its sizes reach to the one at which it does nothing."""
+        return self.size.low <= self.neutral <= self.size.high
+
+    @property
     def one_sided(self) -> bool:
         return self.size.low >= self.neutral or self.size.high <= self.neutral
 

@@ -292,14 +292,18 @@ def _listed(space: ModelSpace) -> tuple[Array, list[tuple[str, object]]]:
         members.sort(key=lambda one: abs(one.size))
         seen = [one for one in members if one.length > MIN_LENGTH] or members[-1:]
         chosen += members if members[0].amplitude_dependent else seen[:1]
-    directions = np.column_stack([one.plain / np.linalg.norm(one.plain) for one in chosen])
-    small = np.array([one.effect.size.low <= one.effect.neutral <= one.effect.size.high
-                      for one in chosen])
-    alike = np.abs(directions[:, small].T @ directions).max(axis=0, initial=0.0) > MIN_PARALLEL
-    chosen = [one for one, kept in zip(chosen, small | ~alike, strict=True) if kept]
+    small = [one for one in chosen if one.effect.can_be_small]
+    chosen = [one for one in chosen if one.effect.can_be_small or not any(
+        _are_parallel(one.plain, other.plain) for other in small)]
     counts = Counter(one.key for one in chosen)
     columns = [one.plain / (one.visible * np.sqrt(counts[one.key])) for one in chosen]
     return np.column_stack(columns), [one.key for one in chosen]
+
+
+def _are_parallel(one: Array, other: Array) -> bool:
+    """Whether two changes (n,) differ by a factor only."""
+    return abs(float(one @ other)) > MIN_PARALLEL * float(
+        np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _smooth(problem: Problem) -> tuple[Array, list[tuple[str, object]]]:
