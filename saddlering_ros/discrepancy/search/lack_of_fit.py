@@ -256,10 +256,7 @@ class LackOfFitTests:
                     view, root, inner, tangent.plain @ (parameters @ shared.T)
                 ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
                 run = problem.run_along(residual, shape, view)
-                left, taken = (problem.view_residuals(one, view)[run] for one in (residual, shape))
-                weights = problem.sample_weights(problem.runs[run], view)
-                is_constant = np.average(left, weights=weights) ** 2 > MIN_CONSTANT * min(
-                    np.average(one**2, weights=weights) for one in (left, taken))
+                is_constant = _is_constant(problem, residual, shape, view, run)
                 tests.append(ShapeTest(
                     view, CONSTANT if is_constant else coordinate, float(chance), statistic,
                     max(count, 1), float(size), shape if chance < MAX_CHANCE else None, beyond,
@@ -267,6 +264,16 @@ class LackOfFitTests:
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))
+
+
+def _is_constant(problem: Problem, residual: Array, shape: Array, view: str, number: int) -> bool:
+    """Whether a residual (n,) along a shape (n,) is a constant in a view of a run."""
+    run, weights = problem.runs[number], problem.system.views[view]
+    left, taken = (problem.freed(weights @ problem.by_run(one)[number], run, view)
+                   for one in (residual, shape))
+    mean = np.average(left, weights=problem.sample_weights(run, view))
+    return bool(mean**2 > MIN_CONSTANT * min(
+        problem.mean_square(one, run, view) for one in (left, taken)))
 
 
 def half_waves(values: Array, count: int) -> Array:
