@@ -58,3 +58,9 @@ class Direction:
         elif self._sign * (self._extreme - value) > self._band:
             self._sign, self._extreme = -self._sign, value
         return self._sign
+
+
+def direction_of(drive: Array, band: float) -> Array:
+    """+1 (N,) while the drive rises and -1 while it falls; at rest the last direction."""
+    direction = Direction(band, float(drive[0]))
+    return np.array([direction.push(value) for value in drive.tolist()])

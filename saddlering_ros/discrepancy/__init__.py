@@ -8,7 +8,6 @@ engine may import.
 
 from saddlering_ros.discrepancy.diagnosis import check, diagnose
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent
@@ -53,6 +52,7 @@ from saddlering_ros.discrepancy.verdict.results import (
     SizeEntry,
 )
 from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.memory_operators import direction_of
 
 __all__ = [
     'PARTED', 'Assumptions', 'Cause', 'CauseEntry', 'Channel', 'DetectionLimit', 'Diagnosis',

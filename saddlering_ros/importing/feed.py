@@ -62,7 +62,8 @@ class Piece:
             stamps = self.time.stamps(cells, np.arange(first, first + count))
             found = stamps != calibration.MISSING
             # A time of day that falls by half a day or more is of the next day.
-            if not getattr(self.time, 'is_dated', True) and found.any():
+            is_of_day = isinstance(self.time, calibration.DatedTime) and not self.time.is_dated
+            if is_of_day and found.any():
                 times = stamps[found]
                 days = nights + np.cumsum(np.diff(times, prepend=before) < -DAY // 2)
                 stamps[found], before, nights = times + DAY * days, times[-1], int(days[-1])

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.memory_operators import Direction
+from saddlering_ros.memory_operators import direction_of
 from saddlering_ros.monitoring import detector
 from saddlering_ros.monitoring.detector import BlockWatch, MonitoringError, RestLearner, RestNoise
 from saddlering_ros.quantities import quantity, signed
@@ -356,8 +356,7 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
-    turning = Direction(rest_band, float(load[0]))
-    came = np.array([turning.push(value) for value in load.tolist()])  # friction keeps it at rest
+    came = direction_of(load, rest_band)  # friction keeps it at rest
     is_one_way = np.ptp(load) > rest_band and abs(came.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         # Friction after the load has turned is an offset too, until the load turns again; a rest

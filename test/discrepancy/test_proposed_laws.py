@@ -12,6 +12,7 @@ from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import MEMORY, Misfit, ObservedRun, PLAY, Products
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
+from saddlering_ros.memory_operators import direction_of
 from saddlering_ros.report import figures
 
 NOISE = 0.02
@@ -25,7 +26,7 @@ def run(name: str, added, seed: int, peak: float = 1.0, speed: float = 1.0) -> O
     coordinates = {
         'load': load,
         'time': time,
-        'direction': families.direction_of(load, 0.01),
+        'direction': direction_of(load, 0.01),
         'rate': np.gradient(load, time)}
     noise = np.random.default_rng(seed).normal(size=(2, time.size)) * NOISE
     residual = noise + 0.3 * load

@@ -19,7 +19,7 @@ from scipy.optimize import nnls
 
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.estimation.statistics import fisher_chance
-from saddlering_ros.memory_operators import Direction, Plays, Relaxations
+from saddlering_ros.memory_operators import Plays, Relaxations
 
 LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'
 HYSTERESIS = 'hysteresis'
@@ -64,12 +64,6 @@ def remembered(kind: str, coordinates: Mapping[str, Array], at: Array) -> Array:
     lags = Relaxations(at)
     pairs = zip(np.diff(coordinates[TIME]).tolist(), np.diff(load).tolist(), strict=True)
     return np.array([np.zeros(at.size), *(lags.push(step, change) for step, change in pairs)])
-
-
-def direction_of(drive: Array, band: float) -> Array:
-    """+1 (N,) while the drive rises and -1 while it falls; at rest the last direction."""
-    direction = Direction(band, float(drive[0]))
-    return np.array([direction.push(value) for value in drive.tolist()])
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
 from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict.published import plain_fits
+from saddlering_ros.memory_operators import direction_of
 
 DIRECTION_BAND = 0.01
 """Smallest return of the drive that changes its direction, as a share of its range. Chosen
@@ -141,7 +142,7 @@ def _observed(
         first, *others = run.inputs
         drive, direction, rate = run.inputs[first], run.direction, run.rate
         if direction is None:
-            direction = families.direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+            direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
         if rate is None:
             rate = np.gradient(drive, run.time)
         coordinates = {**{name: run.inputs[name] for name in others}, LOAD: drive, **coordinates,
