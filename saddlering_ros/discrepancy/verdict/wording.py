@@ -390,8 +390,8 @@ NOT_CONVERGED = ('a fit on which the verdict rests had not converged: give more 
 REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
                  'comparison of causes counts the remainder as model error')
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
-               'misfit and widen noise and range: give NaN if the recorder erred there, or see to '
-               'the times of what jumps there')
+               'misfit and widen noise and range: give NaN if the recorder erred there; if a '
+               'channel or an input jumps there, check its time stamps')
 BEYOND_DECLARED = '{} in {}: {} of range remains, more than the declared model error of {}'
 OTHER_FORM = ('{} remains with the causes, most of it in {}: the law of a cause in the catalogue '
               'is idealised, which explains this remainder')
