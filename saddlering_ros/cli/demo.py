@@ -213,7 +213,7 @@ def replay(bag: Bag, parameters: str, scratch: Path, domain: int) -> LiveReplay:
     recording, run = scratch / f'{bag.name}_{parameters}', bag.run
     told = play(build_parser()[0].parse_args([
         'replay', str(bag.path), '--params', str(scratch / f'{parameters}.yaml'), '--rate', '0',
-        '--domain', str(domain), '--record', str(recording), '--json', '-']), keeps=False)
+        '--domain', str(domain), '--record', str(recording), '--json', '-']))
     topics = [f'/{name}' for name in DISPLACEMENTS]
     counts = told['messages']
     messages = sum(counts[topic] for topic in (*topics, LOAD_TOPIC))

@@ -57,7 +57,8 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Replay until the bag is at its end, or until Ctrl-C."""
-    told = play(args)
+    told = play(args, lambda place: print(
+        f'note: the recording until then is in {place}', file=sys.stderr))
     if not tell_json(args, told):
         print('the bag is at its end')
         if args.record is not None:
@@ -65,10 +66,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def play(args: argparse.Namespace, *, keeps: bool = True) -> dict[str, Any]:
+def play(
+    args: argparse.Namespace, on_cut: Callable[[Path], None] = lambda place: None,
+) -> dict[str, Any]:
     """Replay a bag to nodes of its own; what was replayed and recorded, as plain data.
 
-    keeps: whether the user gets a recording that is cut off.
+    on_cut: called with the place of a recording that an error cuts off.
     """
     from saddlering_ros.bags import read_raw
     from saddlering_ros.bags.reader import usable_facts
@@ -136,9 +139,8 @@ def play(args: argparse.Namespace, *, keeps: bool = True) -> dict[str, Any]:
                     raise NodeError(f'the recording is incomplete ({missing}): repeat the replay')
                 time.sleep(0.02)
         except BaseException:
-            if recorder is not None and keeps:
-                place = recorder.keep_as_incomplete()
-                print(f'note: the recording until then is in {place}', file=sys.stderr)
+            if recorder is not None:
+                on_cut(recorder.keep_as_incomplete())
             raise
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
