@@ -4,12 +4,12 @@ import os
 import signal
 import sys
 
-from saddlering_ros.ros.names import names, NODES
+from saddlering_ros.ros.names import names, NODES, SIGNALS
 
 
 def end_at_once() -> None:
     """From now on, SIGINT and SIGTERM end the process: no resource is open yet."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
 
 

@@ -26,7 +26,7 @@ import time
 from typing import Any
 
 from saddlering_ros.files import check_writable, share_directory, temporary_folder
-from saddlering_ros.ros.names import ALARM, names, NodeError, REPLAY, RING
+from saddlering_ros.ros.names import ALARM, names, NodeError, REPLAY, RING, SIGNALS
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
@@ -285,9 +285,6 @@ def follow_lifeline() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, name='lifeline', daemon=True).start()
-
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextlib.contextmanager

@@ -6,10 +6,14 @@ here before a function needs it: set-up runs without it.
 """
 
 from dataclasses import dataclass
+import signal
 
 from saddlering_ros.errors import SaddleringError
 
 TIME, REPLAY, RING, ALARM, ACTION = 'clock', 'replay', 'ring', 'alarm', 'action'
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that end a node."""
 
 
 class NodeError(SaddleringError):

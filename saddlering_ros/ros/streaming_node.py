@@ -29,7 +29,7 @@ from saddlering_ros.errors import SaddleringError, UNUSABLE
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
 from saddlering_ros.ros.diagnostics import FunctionTask, OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
-from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS
+from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS, SIGNALS
 from saddlering_ros.ros.parameters import NodeParameter
 
 HEARTBEAT = 0.2
@@ -333,7 +333,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         words = parameters.strict_arguments(sys.argv[1:] if args is None else args)
         domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
         launcher.prepare_middleware()
-        for number in launcher.SIGNALS:
+        for number in SIGNALS:
             signal.signal(number, finish)
         rclpy.init(args=['', *words], signal_handler_options=SignalHandlerOptions.NO)
         node = make()
@@ -357,7 +357,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         status = UNUSABLE
     finally:
         # Destroy the node and the context; a second Ctrl-C must not interrupt this.
-        for number in launcher.SIGNALS:
+        for number in SIGNALS:
             with contextlib.suppress(ValueError):
                 signal.signal(number, signal.SIG_IGN)
         with _abandoned(status, LONGEST_END):
