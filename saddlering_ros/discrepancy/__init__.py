@@ -8,6 +8,7 @@ engine may import.
 
 from saddlering_ros.discrepancy.diagnosis import check, diagnose
 from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.law.families import HYSTERESIS, MEMORY, PLAY
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent
@@ -55,12 +56,12 @@ from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.memory_operators import direction_of
 
 __all__ = [
-    'PARTED', 'Assumptions', 'Cause', 'CauseEntry', 'Channel', 'DetectionLimit', 'Diagnosis',
-    'DiscrepancyError', 'Effect', 'Estimate', 'Evidence', 'LawProposal', 'Model',
-    'ModelErrorPrior', 'Neighbourhood', 'Noise', 'Observability', 'Parameter', 'Point', 'Problem',
-    'Proposal', 'Reading', 'ReductionEntry', 'Remainder', 'Residual', 'RestSegment', 'Run',
-    'RunBlocks', 'Separation', 'Settings', 'ShapeTest', 'SizeEntry', 'System',
-    'SystemWithTangents', 'Term',
+    'HYSTERESIS', 'MEMORY', 'PARTED', 'PLAY', 'Assumptions', 'Cause', 'CauseEntry', 'Channel',
+    'DetectionLimit', 'Diagnosis', 'DiscrepancyError', 'Effect', 'Estimate', 'Evidence',
+    'LawProposal', 'Model', 'ModelErrorPrior', 'Neighbourhood', 'Noise', 'Observability',
+    'Parameter', 'Point', 'Problem', 'Proposal', 'Reading', 'ReductionEntry', 'Remainder',
+    'Residual', 'RestSegment', 'Run', 'RunBlocks', 'Separation', 'Settings', 'ShapeTest',
+    'SizeEntry', 'System', 'SystemWithTangents', 'Term',
     'check', 'describe', 'diagnose', 'diagnose_system', 'direction_of', 'model_error_columns',
     'noise_metric', 'nuisance_columns', 'observed', 'prepare', 'probabilities_of',
     'space_beside_error', 'tangent', 'wording',

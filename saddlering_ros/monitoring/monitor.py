@@ -356,7 +356,8 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
-    came = direction_of(load, rest_band)  # friction keeps it at rest
+    # Friction keeps its direction at rest. This one is late by `rest_band` after a turn, though.
+    came = direction_of(load, rest_band)
     is_one_way = np.ptp(load) > rest_band and abs(came.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         # Friction after the load has turned is an offset too, until the load turns again; a rest

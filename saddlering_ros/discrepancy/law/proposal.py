@@ -304,7 +304,7 @@ def _curve_term(fit: BlockFit, left: float) -> Term:
     if block.memory is not None:
         scale = 1.0 if block.kind == families.PLAY else 1.0 / (block.span[1] - block.span[0])
         spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        words = {'plays': 'a sum of plays', 'relaxation': 'a sum of relaxations'}[block.kind]
+        words = 'a sum of plays' if block.kind == families.PLAY else 'a sum of relaxations'
         return Term(fit.target, block.coordinate, block.kind, words, {}, block.memory,
                     coefficients * scale, spread * scale)
     at = np.linspace(*block.span, CURVE_POINTS)
