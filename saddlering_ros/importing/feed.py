@@ -133,6 +133,8 @@ def _clock(
         raise ImportingError(f'{source.path}: column {column} has no time of its own: give '
                              'time: {column: ..} or {rate: .., start: ..}')
     start = time.start if time.start is not None else timing.start
+    if timing.fault:
+        raise ImportingError(f'{source.path}: channel {column} {timing.fault}')
     if start is None:
         source.warn('has no date: stamps count from 1970-01-02; give time: {from: file, '
                     'start: ..}')

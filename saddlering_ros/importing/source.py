@@ -36,7 +36,8 @@ class Timing:
     """The time that a file gives a channel of its own.
 
     start [ns], None where the file has no date; first [s] of the first row after it and period [s]
-    of regular rows; column: of the times otherwise, in seconds after `start`.
+    of regular rows; column: of the times otherwise, in seconds after `start`; fault: why it cannot
+    be used, '' if it can.
     """
 
     start: int | None
@@ -47,6 +48,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Column:
+    fault: str = ''
     """A column as a file declares it.
 
     unit: as in the file, '' if it states none; rows: how many, None if not known before reading;

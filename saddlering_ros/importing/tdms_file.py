@@ -2,20 +2,47 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 import logging
 from pathlib import Path
 from typing import Any
 
 from nptdms import TdmsFile
 from nptdms.log import log_manager
+from nptdms.reader import TdmsReader
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.importing import source
-from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.calibration import ImportingError, words_of
+from saddlering_ros.record.batches import SECOND
 
 _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
+
+
+MAX_LEAP = 0.05 * SECOND
+"""A start of a channel that lies farther [ns] from the end of the rows before it is that of
+another recording: clocks of computers scatter by less, and no pause of a test is so short."""
+
+
+class _Starts(TdmsReader):
+    """Every start that a file gives a channel, with its rows before it: npTDMS keeps the last."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.of_channel: dict[str, list[tuple[int, Any]]] = {}
+        self._rows: dict[str, int] = {}
+        self.read_metadata()
+        self.close()
+
+    def _update_object_properties(self, segment_object_properties: Any) -> None:
+        for path, given in (segment_object_properties or {}).items():
+            starts = [value for key, value in given if key == 'wf_start_time']
+            self.of_channel.setdefault(path, []).extend(
+                (self._rows.get(path, 0), start) for start in starts)
+        super()._update_object_properties(segment_object_properties)
+        self._rows = {path: one.num_values for path, one in self.object_metadata.items()}
 
 
 class TdmsSource(source.Source):
@@ -31,12 +58,14 @@ class TdmsSource(source.Source):
         try:
             with self._log_as_warnings():
                 self._file = TdmsFile.open(path, raw_timestamps=True)
-            channels = [channel for group in self._file.groups() for channel in group.channels()]
+                self._starts = _Starts(path).of_channel
+                channels = [one for group in self._file.groups() for one in group.channels()]
+                self._channels = {f'{one.group_name}/{one.name}': one for one in channels}
+                self.columns = tuple(map(self._column, self._channels))
         except Exception as problem:  # npTDMS has no error class of its own
-            raise ImportingError(f'{path}: is damaged, or a TDMS file of an unknown form '
-                                 f'({problem}): save it again') from problem
-        self._channels = {f'{channel.group_name}/{channel.name}': channel for channel in channels}
-        self.columns = tuple(self._column(name) for name in self._channels)
+            raise ImportingError(
+                f'{path}: is damaged, or a TDMS file of an unknown form '
+                f'({type(problem).__name__}: {problem}): save it again') from problem
 
     def read(self, name: str, rows: slice) -> NDArray[Any]:
         try:
@@ -58,16 +87,23 @@ class TdmsSource(source.Source):
         kind = kinds.get(getattr(channel.data_type, '__name__', ''), source.NUMBER)
         first = channel.read_data(0, min(len(channel), 3)) if len(channel) else []
         unit = str(given.get('unit_string', '') or given.get('NI_UnitDescription', ''))
-        period, start, stamp = float(given.get('wf_increment') or 0.0), None, None
-        if period > 0.0:
-            start = given.get('wf_start_time')
-        if start is not None and start.seconds > 86400:  # else LabVIEW's zero: no time was set
-            fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
-            stamp = (start.seconds + _LABVIEW) * 1_000_000_000 + fraction
-        timing = None if period <= 0.0 else source.Timing(
-            stamp, float(given.get('wf_start_offset') or 0.0), period)
-        return source.Column(name, unit, len(channel), kind, tuple(map(str, first)), timing,
-                             (channel.name,))
+        return source.Column(name, unit, len(channel), kind, tuple(map(str, first)),
+                             self._timing(channel), (channel.name,))
+
+    def _timing(self, channel: Any) -> source.Timing | None:
+        """The time of a waveform; None for a channel without one."""
+        given = channel.properties
+        period = float(given.get('wf_increment') or 0.0)
+        if period <= 0.0:
+            return None
+        starts = [(row, _stamp(start)) for row, start in self._starts.get(channel.path, [])]
+        leaps = [stamp for (row_before, before), (row, stamp) in pairwise(starts)
+                 if stamp and before and stamp != before
+                 and abs(stamp - before - (row - row_before) * period * SECOND) > MAX_LEAP]
+        fault = (f'holds a second recording, from {words_of(leaps[0])} on: save each recording as '
+                 'a file of its own') if leaps else ''
+        return source.Timing(starts[0][1] if starts else None,
+                             float(given.get('wf_start_offset') or 0.0), period, fault=fault)
 
     @contextmanager
     def _log_as_warnings(self) -> Iterator[None]:
@@ -84,3 +120,11 @@ class TdmsSource(source.Source):
         finally:
             for logger, handlers in zip(loggers, before, strict=True):
                 logger.handlers = handlers
+
+
+def _stamp(start: Any) -> int | None:
+    """A start as a stamp [ns]; None for LabVIEW's zero, where no time was set."""
+    if start.seconds <= 86400:
+        return None
+    fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
+    return int((start.seconds + _LABVIEW) * 1_000_000_000 + fraction)

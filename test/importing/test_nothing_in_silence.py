@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 import resource
 import struct
+from typing import Any
 import warnings
 import zlib
 
@@ -21,7 +22,7 @@ from scipy.io import savemat
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.convert import import_files
+from saddlering_ros.importing.convert import import_files, ImportResult
 from saddlering_ros.importing.draft import draft_map
 from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
@@ -307,11 +308,37 @@ def test_a_channel_without_a_sample_and_a_shared_column_are_named(tmp_path: Path
     with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
         writer.write_segment([nptdms.ChannelObject('g', name, np.ones(count), properties=clock)
                               for name, count in (('F', ROWS), ('w', 0))])
-    (tmp_path / 'map.yaml').write_text(json.dumps(document(time={'from': 'file'})))
     with pytest.raises(ImportingError, match='channel eddy_current_1 has no sample'):
-        import_files([tmp_path / 'a.tdms'], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
+        imported(tmp_path, tmp_path / 'a.tdms', time={'from': 'file'})
     said = refusal(tmp_path, document(split={'by': 'column', 'column': 'F'}))
     assert "column 'F' is that of the time or of split: too" in said
+
+
+def write_waveforms(path: Path, *starts: float) -> None:
+    """A segment of ROWS readings at 100 Hz for each start [s], as a program that appends does."""
+    midnight = np.datetime64('2026-11-20T08:00:00', 'us')
+    with nptdms.TdmsWriter(path) as writer:
+        for start in starts:
+            clock = {'wf_increment': 0.01, 'wf_start_time':
+                     midnight + np.timedelta64(round(1e6 * start), 'us')}
+            writer.write_segment([nptdms.ChannelObject('g', name, np.ones(ROWS), properties=clock)
+                                  for name in 'Fw'])
+
+
+def imported(folder: Path, file: Path, **sections: Any) -> ImportResult:
+    (folder / 'map.yaml').write_text(json.dumps(document(**sections)))
+    return import_files([file], read_map(folder / 'map.yaml'), folder / 'bag', overwrite=True)
+
+
+def test_a_recording_appended_to_a_tdms_file_after_a_pause_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / 'a.tdms'
+    write_waveforms(file, 0.0, 0.01 * ROWS + 10.0)
+    with pytest.raises(ImportingError, match=r'second recording, from 2026-11-20 08:00:10\.500'):
+        imported(tmp_path, file, time={'from': 'file'})
+    write_waveforms(file, 0.0, 0.01 * ROWS)
+    imported(tmp_path, file, time={'from': 'file'})
+    assert np.ptp(stamps(tmp_path)) == (2 * ROWS - 1) * 10_000_000
+    assert stamps(tmp_path)[0] == 1_795_161_600 * 10**9
 
 
 def test_an_infinite_reading_is_left_out_without_a_word_of_numpy(tmp_path: Path) -> None:
