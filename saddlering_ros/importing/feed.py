@@ -122,6 +122,7 @@ def _clock(
 ) -> tuple[calibration.RegularTime | CountedTime | calibration.DatedTime, object]:
     """The clock of a column, by the names of the file, and what else equal clocks must share."""
     if isinstance(time, calibration.RegularTime):
+        source.compare_period(column, time.period / SECOND)
         return time, source.column(column).rows
     if not isinstance(time, calibration.FileTime):
         names = [find_column([source], name, 'time.column')[0][1] for name in time.columns]

@@ -22,6 +22,10 @@ MAX_LEFT_OUT = 0.01
 """Largest share of a file's rows that may be left out: those whose time does not rise, and those
 with another number of columns."""
 
+MAX_RATE_ERROR = 1e-3
+"""Share by which a rate of the map may differ from the file's own: crystals differ by less, and
+loggers state rounded rates."""
+
 _HDF5 = b'\x89HDF\r\n\x1a\n'
 
 NUMBER, TEXT, MOMENT = 'number', 'text', 'moment'
@@ -115,6 +119,17 @@ class Source:
                       f'the map ({key}), which counts: correct the map if the file is right')
 
     @property
+    def compare_period(self, column: str, period: float) -> None:
+        """Note a period [s] of the map that is not the one that the file gives the column."""
+        timing = self.column(column).timing
+        own = 0.0 if timing is None else timing.period
+        if timing is not None and timing.column:
+            own = float(np.median(np.diff(next(self.blocks([timing.column]))[timing.column])))
+        if own > 0.0 and abs(period / own - 1.0) > MAX_RATE_ERROR:
+            self.warn(f'columns of {1.0 / own:.6g} Hz by the file are read at {1.0 / period:.6g} '
+                      'Hz, by rate: of the map: give time: {from: file} if the file is right',
+                      first=column)
+
     def warnings(self) -> list[str]:
         """Every fault that was noted, as one line."""
         return [line + (f': {number}' if number else '') + (f', first {first}' if first else '')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import resource
@@ -11,7 +12,7 @@ import warnings
 import zlib
 
 import h5py
-from logger_files import make_record, write_tdms
+from logger_files import make_record, write_mdf4, write_tdms
 from map_documents import convert, document, plain_table, readings, refusal, ROWS, stamps, TIME
 from matplotlib.figure import Figure
 import nptdms
@@ -339,6 +340,21 @@ def test_a_recording_appended_to_a_tdms_file_after_a_pause_is_refused(tmp_path: 
     imported(tmp_path, file, time={'from': 'file'})
     assert np.ptp(stamps(tmp_path)) == (2 * ROWS - 1) * 10_000_000
     assert stamps(tmp_path)[0] == 1_795_161_600 * 10**9
+
+
+@pytest.mark.parametrize(('rate', 'is_said'), [(100.05, False), (200.0, True)])
+def test_a_rate_that_the_file_states_otherwise_is_told(
+        tmp_path: Path, rate: float, is_said: bool) -> None:
+    write_waveforms(tmp_path / 'a.tdms', 0.0)
+    record = replace(make_record(ROWS), stamps=10_000_000 * np.arange(ROWS))
+    write_mdf4(tmp_path / 'a.mf4', record)
+    time = {'rate': rate, 'start': '2026-11-20T08:00:00Z'}
+    for name, columns in (('a.tdms', 'Fw'), ('a.mf4', ('hydraulic_load', 'eddy_current_1'))):
+        result = imported(tmp_path, tmp_path / name, time=time, load={
+            'column': columns[0], 'unit': 'N'}, probe={
+            'column': columns[1], 'unit': 'mm', 'range': [0, 0.002]})
+        assert any('of 100 Hz by the file are read at 200 Hz' in line
+                   for line in result.warnings) == is_said
 
 
 def test_an_infinite_reading_is_left_out_without_a_word_of_numpy(tmp_path: Path) -> None:
