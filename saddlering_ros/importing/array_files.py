@@ -1,5 +1,6 @@
 """HDF5 files and MATLAB files: by h5py, and by SciPy up to MATLAB's version 7 (format 5)."""
 
+from collections.abc import Mapping
 import os
 from pathlib import Path
 import struct
@@ -59,7 +60,7 @@ class Hdf5Source(Source):
         else:
             is_wide = dataset.shape[1] > dataset.shape[0]
             values = dataset[which, rows] if is_wide else dataset[rows, which]
-        return np.asarray(values) if values.dtype.kind not in 'SUO' else np.array(
+        return _unpacked(dataset.attrs, values) if values.dtype.kind not in 'SUO' else np.array(
             [_text(value) for value in values], dtype=object)
 
     def _visit(self, name: str, dataset: Any) -> None:
@@ -93,6 +94,17 @@ class Hdf5Source(Source):
 
 def _text(value: object) -> str:
     return value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
+def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
+    """Values by the attributes of netCDF: NaN for missing ones, then scaled and shifted."""
+    missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
+    scale, offset = (np.ravel(given.get(key, usual))[0]
+                     for key, usual in (('scale_factor', 1.0), ('add_offset', 0.0)))
+    lost = np.isin(values, np.ravel(missing)) if missing else np.zeros(len(values), dtype=bool)
+    if lost.any() or (scale, offset) != (1.0, 0.0):
+        values = np.where(lost, np.nan, values) * scale + offset
+    return np.asarray(values)
+
+
 
 
 class Matlab73Source(Hdf5Source):

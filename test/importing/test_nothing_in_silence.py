@@ -357,6 +357,18 @@ def test_a_rate_that_the_file_states_otherwise_is_told(
                    for line in result.warnings) == is_said
 
 
+def test_packed_and_missing_readings_of_netcdf_are_unpacked(tmp_path: Path) -> None:
+    packed = np.arange(ROWS, dtype=np.int16)
+    packed[3] = -999
+    with h5py.File(tmp_path / 'a.nc', 'w') as file:
+        file['t'], file['w'] = 0.01 * np.arange(ROWS), np.ones(ROWS)
+        file['F'] = packed
+        file['F'].attrs.update({'scale_factor': 0.5, 'add_offset': 20.0, '_FillValue': -999})
+    result = imported(tmp_path, tmp_path / 'a.nc')
+    assert np.array_equal(readings(tmp_path), 1e3 * (20.0 + 0.5 * np.delete(packed, 3)))
+    assert 'missing readings of hydraulic_load, left out: 1' in result.warnings[0]
+
+
 def test_an_infinite_reading_is_left_out_without_a_word_of_numpy(tmp_path: Path) -> None:
     loads = ['1e999' if i == 7 else f'{i}.5' for i in range(ROWS)]
     with warnings.catch_warnings():
