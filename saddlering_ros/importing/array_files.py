@@ -64,8 +64,10 @@ class Hdf5Source(Source):
             [_text(value) for value in values], dtype=object)
 
     def _visit(self, name: str, dataset: Any) -> None:
-        is_usable = isinstance(dataset, h5py.Dataset) and not name.startswith('#')
-        if not is_usable or (dataset.size or 0) < 2:
+        if not isinstance(dataset, h5py.Dataset) or name.startswith('#'):
+            return
+        self.unread[name] = f'it is of type {dataset.dtype} and shape {dataset.shape}'
+        if (dataset.size or 0) < 2:
             return
         if dataset.dtype.names:
             for field in dataset.dtype.names:
@@ -92,8 +94,6 @@ class Hdf5Source(Source):
             others=(f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])),)
 
 
-def _text(value: object) -> str:
-    return value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
 def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
     """Values by the attributes of netCDF: NaN for missing ones, then scaled and shifted."""
     missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
@@ -105,6 +105,8 @@ def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(values)
 
 
+def _text(value: object) -> str:
+    return value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
 
 
 class Matlab73Source(Hdf5Source):
@@ -135,7 +137,9 @@ class MatlabSource(Source):
         super().__init__(path)
         _check_unpacked_size(path)
         try:
-            names = [name for name, _, kind in whosmat(path) if kind in _READ]
+            kinds = {name: kind for name, _, kind in whosmat(path)}
+            self.unread = {name: f'it is of class {kind}' for name, kind in kinds.items()}
+            names = [name for name, kind in kinds.items() if kind in _READ]
             held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
         except (MatReadError, *_DAMAGED, NotImplementedError, EOFError, IndexError, zlib.error,
                 MemoryError) as problem:
@@ -158,6 +162,7 @@ class MatlabSource(Source):
                 self._collect(f'{name}/{field}', getattr(value, field))
             return
         if not isinstance(value, np.ndarray) or value.dtype.kind not in 'fiu' or value.size < 2:
+            self.unread[name] = 'it is no vector or matrix of real numbers'
             return
         if value.ndim == 1:
             self._values[name] = as_numbers(value)

@@ -133,9 +133,9 @@ def _clock(
     if timing is None:
         raise ImportingError(f'{source.path}: column {column} has no time of its own: give '
                              'time: {column: ..} or {rate: .., start: ..}')
-    start = time.start if time.start is not None else timing.start
     if timing.fault:
         raise ImportingError(f'{source.path}: channel {column} {timing.fault}')
+    start = time.start if time.start is not None else timing.start
     if start is None:
         source.warn('has no date: stamps count from 1970-01-02; give time: {from: file, '
                     'start: ..}')
@@ -175,7 +175,8 @@ class Feed:
                     shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
                     words = (f'does not fit {piece.time.format}'
                              if isinstance(piece.time, calibration.DatedTime)
-                             else 'is no number that is a time in this unit')
+                             else 'is no number that is a time in this unit (of a datenum of '
+                             'MATLAB subtract 719529)')
                     piece.source.warn('rows with an unreadable time are left out', len(bad),
                                       f'row {first + bad[0] + 1}, {shown!r} {words}')
                 good = np.flatnonzero(stamps != calibration.MISSING)

@@ -52,7 +52,11 @@ class MdfBlocks:
     def __init__(self, path: Path) -> None:
         self._where, self._size = str(path), path.stat().st_size
         self._file = path.open('rb')
-        version = self._file.read(HEADER_PLACE)[8:12].decode('ascii', 'replace')
+        head = self._file.read(HEADER_PLACE)
+        if head.startswith(b'UnFinMF'):
+            raise ImportingError(f'{path}: was not closed by the program that wrote it: finalize '
+                                 'it, with asammdf for example')
+        version = head[8:12].decode('ascii', 'replace')
         if not version.startswith('4'):
             raise ImportingError(f'{path}: is of MDF version {version.strip()}: save it as MDF 4')
 
@@ -245,8 +249,13 @@ class MdfSource(Source):
     def _read_data_group(self, block: MdfBlock, number: int, start: int | None) -> int:
         """Read the channels of a data group; how many groups of records it has, 0 or 1."""
         prefix = block.data[0]
-        groups = [group for group in self._blocks.chain(block.links[1], '##CG')
-                  if struct.unpack_from('<8xQ', group.data)[0]]
+        groups = []
+        for one in self._blocks.chain(block.links[1], '##CG'):
+            if struct.unpack_from('<8xQ', one.data)[0]:
+                groups.append(one)
+                continue
+            for channel in self._blocks.chain(one.links[1], '##CN'):
+                self.unread[self._blocks.text(channel.links[2])] = 'its group has no records'
         if len(groups) > 1:
             raise ImportingError(f'{self.path}: has unsorted records: sort it in the program that '
                                  'wrote it, or with asammdf')
@@ -275,17 +284,19 @@ class MdfSource(Source):
     ) -> None:
         kind, _, form, bit, offset, bits, flags, invalid = struct.unpack_from(
             '<BBBBIIII', block.data)
-        is_float = form in (4, 5)
-        if (kind not in (_FIXED, _MASTER) or form not in _NUMBERS or not 0 < bits <= 64
-                or block.links[1] or flags & _ALL_INVALID
-                or (is_float and (bit or bits not in (16, 32, 64)))):
-            return
         text = self._blocks.text(block.links[2])
+        is_float = form in (4, 5)
         how, values, unit = self._conversion(block.links[4])
-        if how not in _CONVERSIONS:
-            self.warn(f'channel {text!r} is left out, because its conversion is to text or by a '
-                      'formula')
-            return
+        is_number = (kind in (_FIXED, _MASTER) and form in _NUMBERS and 0 < bits <= 64
+                     and not block.links[1] and not (
+                         is_float and (bit or bits not in (16, 32, 64))))
+        for why, is_so in (('it holds no single numbers', not is_number),
+                           ('all of it is marked invalid', flags & _ALL_INVALID),
+                           ('its conversion is to text, by ranges or by a formula',
+                            how not in _CONVERSIONS)):
+            if is_so:
+                self.unread[text] = why
+                return
         name = f'{number}/{text}'
         while name in self._channels:
             name += '#2'

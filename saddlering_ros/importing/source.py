@@ -48,11 +48,11 @@ class Timing:
     first: float = 0.0
     period: float = 0.0
     column: str = ''
+    fault: str = ''
 
 
 @dataclass(frozen=True)
 class Column:
-    fault: str = ''
     """A column as a file declares it.
 
     unit: as in the file, '' if it states none; rows: how many, None if not known before reading;
@@ -76,6 +76,7 @@ class Source:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.columns: tuple[Column, ...] = ()
+        self.unread: dict[str, str] = {}  # what is no column, and why
         self.shape_words: tuple[str, ...] = ()
         self.settings: dict[str, Any] = {}
         self._warnings: dict[str, list[Any]] = {}
@@ -118,7 +119,6 @@ class Source:
             self.warn(f'column {column!r} is in {stated.name} by the file and in {unit.name} by '
                       f'the map ({key}), which counts: correct the map if the file is right')
 
-    @property
     def compare_period(self, column: str, period: float) -> None:
         """Note a period [s] of the map that is not the one that the file gives the column."""
         timing = self.column(column).timing
@@ -130,6 +130,7 @@ class Source:
                       'Hz, by rate: of the map: give time: {from: file} if the file is right',
                       first=column)
 
+    @property
     def warnings(self) -> list[str]:
         """Every fault that was noted, as one line."""
         return [line + (f': {number}' if number else '') + (f', first {first}' if first else '')
@@ -159,7 +160,7 @@ def open_sources(
         module, name = 'csv_file', 'CsvSource'
         if head.startswith(b'TDSm'):
             module, name = 'tdms_file', 'TdmsSource'
-        elif head.startswith(b'MDF     '):
+        elif head.startswith((b'MDF     ', b'UnFinMF ')):
             module, name = 'mdf_file', 'MdfSource'
         elif head.startswith(_HDF5) or head[512:520] == _HDF5:
             is_matlab = head.startswith(b'MATLAB 7.3')
@@ -193,6 +194,11 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
                                  f'({", ".join(names[:5])}): give one name')
         places += [(source, name) for name in names]
     if not places:
+        for source in sources:
+            for name, why in source.unread.items():
+                if pattern in (name, name.rpartition('/')[2]):
+                    raise ImportingError(f'{where}: column {pattern!r} of {source.path} is not '
+                                         f'read, because {why}: save it as plain numbers')
         headings = [name for source in sources for column in source.columns
                     for name in (column.name, *column.others)]
         listed = ', '.join(dict.fromkeys(headings[:12]))
