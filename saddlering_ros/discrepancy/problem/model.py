@@ -29,9 +29,6 @@ MAX_READING = 1e100
 OUTCOMES = ('none', 'unknown')
 """Names in the probabilities, beside those of effects and of groups, 'a or b'."""
 
-MIN_SAMPLES = 8
-"""Smallest number of samples of a run: fewer cannot hold a trend, an offset and noise."""
-
 
 @dataclass(frozen=True)
 class Channel:
@@ -98,9 +95,10 @@ class Run:
         if not (isinstance(self.name, str) and self.name):
             raise DiscrepancyError(f'run: its name is {self.name!r}: give a text')
         time = _numbers(f'run {self.name}: time', self.time)
-        if time.ndim != 1 or time.size < MIN_SAMPLES:
+        if time.ndim != 1 or time.size < system.MIN_SAMPLES:
             raise DiscrepancyError(
-                f'run {self.name}: {time.size} samples of time: give at least {MIN_SAMPLES}')
+                f'run {self.name}: {time.size} samples of time: give at least '
+                f'{system.MIN_SAMPLES}')
         if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
             raise DiscrepancyError(f'run {self.name}: time must rise from sample to sample')
         if not self.outputs:
@@ -241,9 +239,9 @@ class ModelSystem:
         readings = readings / self.scales[:, None]
         present = np.isfinite(readings)
         for name, there in zip(self.channel_names, present, strict=True):
-            if there.sum() < MIN_SAMPLES:
+            if there.sum() < system.MIN_SAMPLES:
                 raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
-                                       f'that are numbers; give at least {MIN_SAMPLES}')
+                                       f'that are numbers; give at least {system.MIN_SAMPLES}')
         coordinates = dict(run.coordinates)
         if not coordinates:  # The inputs that can serve as coordinates.
             inputs = {name: np.asarray(values) for name, values in run.inputs.items()}

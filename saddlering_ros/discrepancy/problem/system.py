@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.quantities import WIDTH_95
+from saddlering_ros.quantities import CHANCE, MATERIAL, WIDTH_95
 
 Array = NDArray[np.float64]
 EffectValues = Mapping[str, Mapping[str, float]]
@@ -247,6 +247,10 @@ class Point:
     effects: EffectValues = field(default_factory=dict)
 
 
+MIN_SAMPLES = 8
+"""Smallest number of samples of a run: fewer cannot hold a trend, an offset and noise."""
+
+
 @dataclass(frozen=True)
 class RunBlocks:
     """One run: `channels` (C, N) are means over `width` (N,) about `time`.
@@ -281,9 +285,10 @@ class RunBlocks:
         if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:
             raise DiscrepancyError(f'run {self.name}: channels have shape {self.channels.shape}: '
                                    f'give (C, {self.time.size})')
-        if self.time.size < 8:
+        if self.time.size < MIN_SAMPLES:
             raise DiscrepancyError(
-                f'run {self.name}: {self.time.size} samples are too few: give at least 8')
+                f'run {self.name}: {self.time.size} samples are too few: give at least '
+                f'{MIN_SAMPLES}')
         if not np.isfinite(self.channels).all():
             raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number: '
                                    'leave its sample out')
@@ -383,8 +388,8 @@ class Settings:
     max_rounds: least-squares rounds of the fits behind the verdict; seed: of random starts.
     """
 
-    error_rate: float = 0.01
-    materiality: float = 1e-3
+    error_rate: float = CHANCE
+    materiality: float = MATERIAL
     max_causes: int = 3
     refits: int = 6
     min_partial: float = 0.5

@@ -26,15 +26,13 @@ from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns,
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
+from saddlering_ros.quantities import CHANCE
 
 WAVES_PER_RUN = 20
 """Half waves per run of the slow structure: a ramp with a kink, or a loop."""
 
 TIME_WAVES = 8
 """Half waves along the time of each run, as one family: few, for small drifts."""
-
-MAX_CHANCE = 0.01
-"""Largest probability under noise alone at which a band counts: the default error rate."""
 
 WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure: fewer look like scatter."""
@@ -177,9 +175,9 @@ class LackOfFitTests:
                 power = float(np.average((weights @ seen) ** 2, weights=run.width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
-                if p_value < MAX_CHANCE:
+                if p_value < CHANCE:
                     powers[view, run.name] = powers.get((view, run.name), 0.0) + size**2
-                if p_value < MAX_CHANCE and size > strongest_band.visible:
+                if p_value < CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
                     strongest_band = FastResidual(
@@ -254,12 +252,12 @@ class LackOfFitTests:
                 chance = fisher_chance(statistic / count, count, self._pairs) if count else 1.0
                 beyond = columns.size_beyond_noise(
                     view, root, inner, tangent.plain @ (parameters @ shared.T)
-                ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
+                ) if problem.allowed_sizes[view] and chance < CHANCE else 0.0
                 run = problem.run_along(residual, shape, view)
                 is_constant = _is_constant(problem, residual, shape, view, run)
                 tests.append(ShapeTest(
                     view, CONSTANT if is_constant else coordinate, float(chance), statistic,
-                    max(count, 1), float(size), shape if chance < MAX_CHANCE else None, beyond,
+                    max(count, 1), float(size), shape if chance < CHANCE else None, beyond,
                     run))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
