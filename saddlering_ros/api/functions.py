@@ -29,7 +29,7 @@ from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.record.batches import join
 from saddlering_ros.record.displacement import measured_stretches
 from saddlering_ros.record.residual import residual_stretches, simulated_stretches
-from saddlering_ros.rig import CHANNELS, MICRO_UNITS
+from saddlering_ros.rig import CHANNELS, MICRO_UNITS, MOTION
 
 Array = NDArray[np.float64]
 
@@ -213,7 +213,7 @@ class Curves(inputs.Tabular):
         from saddlering_ros.report.figures import over_time
 
         kept = slice(None, None, max(1, len(self) // MAX_DRAWN))
-        channels = {name: np.asarray(getattr(self, name))[kept] for name in CHANNELS[:3]}
+        channels = {name: np.asarray(getattr(self, name))[kept] for name in MOTION}
         title = f'{self.bag.name}: {self.kind}'
         return Plot(over_time(self.time[kept], channels, title), self._spare_bag)
 

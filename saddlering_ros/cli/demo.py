@@ -92,8 +92,9 @@ class Story:
     @property
     def misfit(self) -> tuple[float, float]:
         """Live misfit over runs and channels before and after the diagnosis, a share of range."""
-        channels = [run['channels'][name] for run in self.runs
-                    for name in ('delta_x', 'delta_y', 'gamma')]
+        from saddlering_ros.rig import MOTION
+
+        channels = [run['channels'][name] for run in self.runs for name in MOTION]
         before, after = (math.sqrt(sum(channel[key]**2 for channel in channels) / len(channels))
                          for key in ('nrmse_before', 'nrmse_after'))
         return before, after

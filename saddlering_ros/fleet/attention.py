@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import plain_number
 from saddlering_ros.fleet import history, statistics
 from saddlering_ros.fleet.history import Drift, RemainingLife, RingHistory
-from saddlering_ros.fleet.statistics import COORDINATES, FleetError, PARAMETERS, SessionFigures
+from saddlering_ros.fleet.statistics import COORDINATES, FleetError, SessionFigures
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import finite_json
+from saddlering_ros.rig import PARAMETER_NAMES
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def _lives(
 ) -> dict[str, RemainingLife]:
     answer = {}
     for name, limit in limits.items():
-        number = PARAMETERS.index(name)
+        number = PARAMETER_NAMES.index(name)
         if COORDINATES[number] not in followed.of:
             continue
         reached = math.log(limit)
@@ -139,7 +140,7 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
     limits = {}
     for text in texts:
         name, _, value = text.partition('=')
-        allowed = [parameter for parameter in PARAMETERS if not parameter.startswith('n')]
+        allowed = [parameter for parameter in PARAMETER_NAMES if not parameter.startswith('n')]
         if name not in allowed:
             raise FleetError(f'--limit {text}: give one of {", ".join(allowed)} as K1=6e7')
         try:

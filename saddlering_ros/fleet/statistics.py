@@ -23,13 +23,13 @@ from scipy.stats import chi2, false_discovery_control
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.quantities import lowered
+from saddlering_ros.rig import PARAMETER_NAMES
 
 Array = NDArray[np.float64]
 
 COORDINATES = ('stiffness_1', 'exponent_1', 'damping_1', 'stiffness_2', 'exponent_2', 'damping_2')
 """log(K p^(n-1)) [log N/m], n, log D [log N s/m], of the axial rows (1) and the radial row (2)."""
 
-PARAMETERS = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
 REFERENCE_PENETRATION = 2e-5
 """Penetration [m] of the reference stiffness: half of that at full load."""
 
@@ -86,9 +86,9 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
     document, change = result.get('verdict') or {}, result.get('change') or {}
     value, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
     after = (document.get('parameters') or {}).get('after') or {}
-    if result.get('covariance') and all(after.get(name) is not None for name in PARAMETERS):
+    if result.get('covariance') and all(after.get(name) is not None for name in PARAMETER_NAMES):
         value, covariance = to_coordinates(
-            np.array([float(after[name]) for name in PARAMETERS]),
+            np.array([float(after[name]) for name in PARAMETER_NAMES]),
             np.asarray(result['covariance'], dtype=float))
     named = [cause for cause in document.get('causes') or []
              if 'effect' in cause and not cause.get('partial')]

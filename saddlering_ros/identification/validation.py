@@ -27,6 +27,7 @@ from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet, Rig
+from saddlering_ros.rig.geometry import MOTION
 from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.roller_scatter import sound_deviation
 from saddlering_ros.ring.sensitivity import static_sensitivities
@@ -82,7 +83,7 @@ def validate(
             seen.channels[channel] = channel_figures(
                 seen, row, one.rests, process, one.interval, lasting, variance[row],
                 float(sound[row]))
-        still = [name for name in CHANNELS[:3] if seen.channels[name].slope_ratio is None]
+        still = [name for name in MOTION if seen.channels[name].slope_ratio is None]
         judged.append(replace(seen, notes=(*seen.notes, HARDLY_MOVES.format(', '.join(still)))
                               ) if still else seen)
     return Validation(tuple(judged), parameters)
@@ -230,16 +231,15 @@ class Criterion:
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
     """Every criterion for which these runs have figures, at its worst run and channel."""
     good, error, rating = quantities.GOOD, quantities.MAX_COMPARISON_ERROR, quantities.MIN_RATING
-    simulated = CHANNELS[:3]
     # Id, words, unit, channels, and what gives value and limit of a channel's figures.
     asked: tuple[tuple[str, str, str, Sequence[str], Callable[
         [ChannelFigures], tuple[float | None, float]]], ...] = (
         ('misfit', f'rms misfit at most {good:g} x noise and small errors of a sound ring, or '
-         f'{100.0 * quantities.MATERIAL:g} % of range', '%', simulated,
+         f'{100.0 * quantities.MATERIAL:g} % of range', '%', MOTION,
          lambda seen: (seen.nrmse, quantities.allowed_misfit(seen.noise_floor, seen.sound))),
         ('comparison_error', f'comparison error E at most {error:g} x its uncertainty u_val (ASME '
-         'V&V 20)', '', simulated, lambda seen: (seen.e_over_uval, error)),
-        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', simulated,
+         'V&V 20)', '', MOTION, lambda seen: (seen.e_over_uval, error)),
+        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', MOTION,
          lambda seen: (seen.iso18571, rating)),
         ('parity', f'parity at most {good:g} x noise (rigid ring, sound probes)', 'um',
          ('parity',), lambda seen: (

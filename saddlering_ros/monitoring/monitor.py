@@ -15,10 +15,10 @@ from saddlering_ros.monitoring import detector
 from saddlering_ros.monitoring.detector import BlockWatch, MonitoringError, RestLearner, RestNoise
 from saddlering_ros.quantities import quantity, signed
 from saddlering_ros.record.batches import SECOND
+from saddlering_ros.rig import MOTION
 
 Array = NDArray[np.float64]
 
-CHANNELS = ('delta_x', 'delta_y', 'gamma')
 WAITING, LEARNING, WATCHING, ALARM = range(4)
 """States of a monitor, numbered as in RingAlarm.msg."""
 
@@ -116,7 +116,7 @@ class Monitor:
         self.alarm: Raised | None = None
         self.lapses: list[Lapse] = []
         self.changes, self.seconds = 0, 0.0
-        self.materiality = np.zeros(len(CHANNELS))
+        self.materiality = np.zeros(len(MOTION))
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -126,9 +126,9 @@ class Monitor:
         self._last: Sample | None = None
         # The last blocks: when each began, its means and its load. Untouched zeros take no memory.
         self._stamps = np.zeros(HISTORY_BLOCKS, np.int64)
-        self._rows = np.zeros((HISTORY_BLOCKS, len(CHANNELS) + 1))
+        self._rows = np.zeros((HISTORY_BLOCKS, len(MOTION) + 1))
         self._blocks = 0
-        self._noise_grew, self._known = False, (True,) * len(CHANNELS)
+        self._noise_grew, self._known = False, (True,) * len(MOTION)
         self._onset: tuple[int, int] | None = None
         self._refine_at = self._raised_at = 0
         self._clear_evidence()
@@ -233,7 +233,7 @@ class Monitor:
         self.changes += 1
 
     def _clear_evidence(self) -> None:
-        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
+        self._sum, self._count = [0.0] * (len(MOTION) + 1), 0
         if self._watch is not None:
             self._watch.reset()
 
@@ -246,7 +246,7 @@ class Monitor:
                    for one, least in zip(rest.noise, self._least_wander, strict=True)]
         self._watch = BlockWatch(assumed, rest.block, self.settings.false_alarm_hours)
         self.changes += 1
-        lost = [name for name, one in zip(CHANNELS, rest.noise, strict=True)
+        lost = [name for name, one in zip(MOTION, rest.noise, strict=True)
                 if one == detector.UNKNOWN]
         if lost:
             self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched',
@@ -263,12 +263,12 @@ class Monitor:
         """Judge a whole block, of `block` seconds."""
         assert self._watch is not None
         mean = np.array(self._sum) / self._count
-        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
+        self._sum, self._count = [0.0] * (len(MOTION) + 1), 0
         self.seconds += block
         known = tuple(math.isfinite(value) for value in mean[:-1])
         if known != self._known:
             self._known = known
-            lost = [name for name, is_known in zip(CHANNELS, known, strict=True) if not is_known]
+            lost = [name for name, is_known in zip(MOTION, known, strict=True) if not is_known]
             self._lapse(f'{" and ".join(lost)} not known, and not watched' if lost
                         else 'all channels are known again')
         index = self._blocks
@@ -291,7 +291,7 @@ class Monitor:
         if alarm is not None:
             self._onset = (alarm.channel, index - (alarm.block - alarm.since))
             self.alarm = self._described(
-                Raised(CHANNELS[alarm.channel], self.stamp, 0, 0.0, alarm.evidence, ''))
+                Raised(MOTION[alarm.channel], self.stamp, 0, 0.0, alarm.evidence, ''))
             self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / block)
             self.changes += 1
 

@@ -16,7 +16,7 @@ from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.record import plateaus, Record
-from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS, MOTION
 from saddlering_ros.rig.units import force_decimals, force_words
 
 Array = NDArray[np.float64]
@@ -34,9 +34,6 @@ MICRO = 1e6
 """Metres to micrometres, radians to microradians."""
 
 SYMBOLS = {'delta_x': 'δx', 'delta_y': 'δy', 'gamma': 'γ', 'parity': 'parity'}
-
-SHOWN = CHANNELS[:3]
-"""Channels of the comparison; the published tests show delta_x and gamma only."""
 
 BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
                    '#b2abd2', '#8073ac', '#542788', '#2d004b')
@@ -225,11 +222,11 @@ def axis_label(channel: str) -> str:
 
 def comparison(runs: Sequence[RunCurves]) -> Chart:
     """Runs side by side, static over load, dynamic over time, each with its residual below."""
-    panels = [panel for column, run in enumerate(runs) for place, channel in enumerate(SHOWN)
+    panels = [panel for column, run in enumerate(runs) for place, channel in enumerate(MOTION)
               for panel in _compared(run, channel, 2 * place, column)]
     return Chart(
-        tuple(panels), width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
-        heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True,
+        tuple(panels), width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(MOTION),
+        heights=(charts.MAIN, charts.STRIP) * len(MOTION), columns=len(runs), shares_x=True,
         legend_columns=3 if len(runs) == 1 else 5)
 
 
@@ -289,14 +286,14 @@ def _bands(run: RunCurves, channel: str) -> tuple[ShadedBand, ...]:
 def of_run(run: RunCurves) -> Chart:
     """One run: every channel over load and over time, and its residual over time."""
     panels = []
-    for row, channel in enumerate(SHOWN):
+    for row, channel in enumerate(MOTION):
         title = '' if row else f'{run.name}: {run.test}, {run.elevation_deg:g}°'
         over_load, _ = _compared(run, channel, row, 0, is_over_load=True)
         over_time, residual = _compared(run, channel, row, 1, is_over_load=False)
         panels += [replace(over_load, title=title), replace(over_time, title=''),
                    replace(residual, row=row, column=2)]
     return Chart(tuple(panels), width=12.0, height=9.0,
-                 heights=(1.0,) * len(SHOWN), columns=3, shares_x=True)
+                 heights=(1.0,) * len(MOTION), columns=3, shares_x=True)
 
 
 def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
@@ -313,7 +310,7 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
     """Misfit before and after, noise and a sound ring, for the `runs` of a verdict's JSON."""
     height, heights, words, series = 0.0, [], [], []
     for run in runs:
-        for name in [name for name in SHOWN if name in run['channels']]:
+        for name in [name for name in MOTION if name in run['channels']]:
             channel = run['channels'][name]
             before, after, floor, sound = (
                 100.0 * max(channel.get(key) or 0.0, 1e-6)
@@ -402,8 +399,8 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
                                  for mark in marks), 7.5)
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []
-    for place, channel in enumerate(SHOWN):
-        is_last = place == len(SHOWN) - 1
+    for place, channel in enumerate(MOTION):
+        is_last = place == len(MOTION) - 1
         for column, (extended, words) in enumerate(versions):
             values = np.full((len(rows), LOAD_LEVELS + 1), np.nan)
             for row, (run, sign) in enumerate(rows):
@@ -420,8 +417,8 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
                 title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_y=column == 0,
                 shows_y_label=False, x_ticks=x_ticks, y_ticks=y_ticks))
     return Chart(tuple(panels), width=11.4,
-                 height=0.9 + len(SHOWN) * (0.45 + 0.19 * len(rows)),
-                 heights=(1.0,) * len(SHOWN), columns=len(versions))
+                 height=0.9 + len(MOTION) * (0.45 + 0.19 * len(rows)),
+                 heights=(1.0,) * len(MOTION), columns=len(versions))
 
 
 def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:

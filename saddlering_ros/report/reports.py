@@ -23,7 +23,7 @@ from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
-from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
+from saddlering_ros.rig import CHANNELS, MOTION, Rig, short_digest, units
 from saddlering_ros.rig.drawing import drawing_svg
 
 ROLES = ('fitted', 'held out')
@@ -123,7 +123,7 @@ def curves_of_validation(
 
 def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     """Whether every channel is within its noise, and the one that is predicted worst."""
-    cases = [(run, name, run.channels[name]) for run in validation.runs for name in CHANNELS[:3]]
+    cases = [(run, name, run.channels[name]) for run in validation.runs for name in MOTION]
     run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / allowed_misfit(
         case[2].noise_floor, case[2].sound))
     misfit, floor = channel.nrmse or 0.0, channel.noise_floor or 0.0
@@ -264,7 +264,7 @@ def data_quality(runs: Sequence[Record], rig: Rig) -> str:
 
 def misfit_reductions(document: Mapping[str, Any]) -> str:
     """Chapter: by how much the misfit falls, run by run, with the extended model."""
-    total, shown = document.get('gain') or {}, CHANNELS[:3]
+    total, shown = document.get('gain') or {}, MOTION
     if document['verdict'] == 'none' or total.get('fit') is None:
         return ''
     rows = [[bag_name(run['bag']), 'held out' if run['held_out'] else 'fitted',

@@ -36,6 +36,9 @@ class Displacement:
 CHANNELS: tuple[str, ...] = ('delta_x', 'delta_y', 'gamma', 'parity')
 """Names of the fields of `Displacement`, in the order used everywhere."""
 
+MOTION = CHANNELS[:3]
+"""Those of the motion, without the parity, which is 0 for a rigid ring."""
+
 
 def gap_increment(probes: Probes, gaps: ArrayLike, zero_gaps: ArrayLike) -> NDArray[np.float64]:
     """d_i = polarity_i (gap_i - gap_i at zero); `gaps` (4, ...) and `zero_gaps` (4,) in metres."""
