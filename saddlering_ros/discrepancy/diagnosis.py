@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
+from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import percent
@@ -284,7 +285,7 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
         else:
             seen = f'determined to {parameter.slope(float(fit.theta_unit[number])) / beside:.2g}'
         place = float(fit.theta_unit[number])
-        stopped = ', at its bound' if min(place, 1.0 - place) < 1e-3 else ''
+        stopped = '' if bound_reached(parameter, place) is None else ', at its bound'
         value = f'{parameter.from_unit(place):.5g} {parameter.unit}'.rstrip()
         lines.append(f'base {parameter.name}: {value}{stopped}, {seen}')
     return lines
