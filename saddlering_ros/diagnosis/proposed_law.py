@@ -8,15 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from saddlering_ros.discrepancy import (
-    describe,
-    HYSTERESIS,
-    LawProposal,
-    MEMORY,
-    PLAY,
-    Term,
-    wording,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import describe, LawProposal, Term, wording
 from saddlering_ros.files import write_text
 from saddlering_ros.quantities import quantity, WIDTH_95
 
@@ -32,7 +25,8 @@ REACH = 3.0
 CHANNELS = {f'd{probe}': f'eddy_current_{probe}' for probe in (1, 2, 3, 4)}
 UNITS = {'gamma': 'rad', 'hydraulic_load': 'N'}
 ALONG = {'load': 'N', 'direction': 'N', 'rate': 'N/s', 'time': 's'}
-REMEMBERED = {PLAY: ('reach', 'N', HYSTERESIS), MEMORY: ('lag', 's', MEMORY)}
+REMEMBERED = {discrepancy.PLAY: ('reach', 'N', discrepancy.HYSTERESIS),
+              discrepancy.MEMORY: ('lag', 's', discrepancy.MEMORY)}
 """What weights of a law stand at that remembers the load, its unit, and their coordinate in a
 file."""
 

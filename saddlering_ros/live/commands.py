@@ -151,21 +151,16 @@ class Action:
 def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
     """The goal with its verdict: headline, next test, misfit reduction and certainty."""
     # The words need the catalogue; the page is served before it is loaded.
-    from saddlering_ros.diagnosis.ring_wording import (
-        gain_sentence,
-        headline,
-        lowered_titles,
-        partial_words,
-    )
+    from saddlering_ros.diagnosis import ring_wording
     from saddlering_ros.discrepancy import wording
     from saddlering_ros.quantities import verdict_line
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '',
-             partial_words(document), gain_sentence(document),
-             *wording.certainty_lines(document, lowered_titles))
+             ring_wording.partial_words(document), ring_wording.gain_sentence(document),
+             *wording.certainty_lines(document, ring_wording.lowered_titles))
     return replace(job, verdict=verdict, title=verdict_line(verdict).capitalize(),
-                   words=headline(document), lines=list(filter(None, lines)))
+                   words=ring_wording.headline(document), lines=list(filter(None, lines)))
 
 
 def with_identification(job: Job, report: Mapping[str, Any]) -> Job:
