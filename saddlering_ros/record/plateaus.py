@@ -158,6 +158,8 @@ def _holds(time: Floats, load: Floats, window: float, span: float) -> list[Span]
     period = float(np.median(spread_changes(time)))
     window = max(window, 4.0 * period)
     noise = float(np.median(np.abs(spread_changes(load)))) / 0.954
+    # Of a ramp that a slow logger reads, every change is large, and the changes are equal.
+    noise = min(noise, 2.0 * float(np.median(np.abs(np.diff(spread(load), 2)))) / 1.652)
     samples = window / period
     tolerance = max(STEADY_SHARE * span, NOISE_FACTOR * noise * np.sqrt(2.0 / samples))
     steady = _steady(time, load, window, tolerance)

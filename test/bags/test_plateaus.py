@@ -157,5 +157,11 @@ def test_a_dynamic_run_has_no_plateaus():
         plateaus(run)
 
 
+def test_a_slow_logger_makes_no_holds_of_a_ramp():
+    time = np.arange(0.0, 10.0, 0.05)
+    load = 12.5 - 12.0 * np.cos(0.2 * np.pi * time)
+    assert sum(time[stop - 1] - time[start] for start, stop in find_holds(time, load)) < 3.0
+
+
 def test_a_load_that_never_moves_has_no_plateaus():
     assert find_holds(np.arange(100.0), np.full(100, 5.0)) == []
