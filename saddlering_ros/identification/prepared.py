@@ -267,6 +267,10 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             f'{rig.force_words(top)}), a fifth of full scale '
             f'({rig.force_words(rig.full_scale_load)}'
             "): load the ring further, or correct the rig file's full_scale_load")
+    end = min(max(1, len(run.load) // 100), MAX_END)
+    begins, ends = (float(np.nanmedian(run.load[part])) > 0.5 * top
+                    for part in (slice(end), slice(-end, None)))
+    readings = None
     if run.test == 'static':
         try:
             readings = plateaus(run)
@@ -282,10 +286,12 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             raise IdentificationError(
                 f'{name}: there is no unloading branch in this static run{cut}: '
                 'record the steps down to zero as well')
-        return readings
-    end = min(max(1, len(run.load) // 100), MAX_END)
-    if float(np.nanmedian(run.load[-end:])) > 0.5 * top:
+    elif ends:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
             f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed')
-    return None
+    if begins:
+        raise IdentificationError(
+            f'{name}: there is no loading branch (the record begins at '
+            f'{rig.force_words(float(run.load[0]))}): record the test from the preload on')
+    return readings

@@ -269,11 +269,12 @@ def test_a_stiffness_that_no_or_one_reading_determines_has_no_interval_and_no_ov
     assert ('one reading alone' in trust.reasons['K2']) == (row == 7)
 
 
-def half_of(run):
-    """A run that ends at its highest load."""
-    top = int(np.argmax(run.load)) + (300 if run.test == 'static' else 0)
-    return replace(run, time=run.time[:top], load=run.load[:top], stamps=run.stamps[:top],
-                   gaps=run.gaps[:, :top])
+def half_of(run, *, second=False):
+    """A run that ends at its highest load, or begins there."""
+    top = int(np.argmax(run.load)) + (300 if run.test == 'static' and not second else 0)
+    half = slice(top, None) if second else slice(top)
+    return replace(run, time=run.time[half], load=run.load[half], stamps=run.stamps[half],
+                   gaps=run.gaps[:, half])
 
 
 def still():
@@ -288,6 +289,8 @@ def still():
     (lambda: [still()], {}, 'too few|one plateau'),
     (lambda: [half_of(static_run(50.0))], {}, 'no unloading branch'),
     (lambda: [half_of(dynamic_run(50.0))], {}, 'no unloading branch'),
+    (lambda: [half_of(static_run(50.0), second=True)], {}, 'no loading branch'),
+    (lambda: [half_of(dynamic_run(50.0), second=True)], {}, 'no loading branch'),
     (lambda: [replace(half_of(static_run(50.0)), notes=['a.mcap: the file is cut off'])], {},
      r'unloading branch .*\(a.mcap: the file is cut off\): record'),
     (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
