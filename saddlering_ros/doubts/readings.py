@@ -83,6 +83,8 @@ def check_load_unit(where: str, load: NDArray[np.float64], limits: LoadLimits) -
     if -low > max(high, limits.negative_max):
         raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
     if high < limits.unit_min:
+        if low == high:
+            raise BagError(f'{where}: the load is {high:.4g} N throughout: check the load cell')
         guess = 'tonnes' if high <= 1.5 * limits.full_scale / TONNE else 'kilonewtons'
         raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons, load the '
                        f"ring, or correct the rig file's full_scale_load ({limits.full_scale:g} "

@@ -72,8 +72,8 @@ def test_a_load_in_tonnes_or_kilonewtons_is_refused_on_a_rig_of_any_size(runs):
     rig, tests = runs
     load = tests[0].load
     check_load_unit('bag', load, rig.limits)
-    for factor, unit in ((1.0 / TONNE, 'tonnes'), (1e-3, 'newtons')):
-        with pytest.raises(BagError, match=unit):
+    for factor, said in ((1.0 / TONNE, 'tonnes'), (1e-3, 'newtons'), (0.0, '0 N throughout')):
+        with pytest.raises(BagError, match=said):
             check_load_unit('bag', factor * load, rig.limits)
     with pytest.raises(BagError, match='far beyond'):
         check_load_unit('bag', np.array([0.0, 30.0 * rig.full_scale_load]), rig.limits)
