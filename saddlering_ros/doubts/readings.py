@@ -241,9 +241,10 @@ def clock_findings(
             f'less: a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all '
             'channels the same filter'))
     if share := rate_share(load, probes, seconds):
+        how = 'interpolated from' if logger_quality.rate_before(load, probes) else 'stamped at'
         findings.append(Finding(
-            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: if '
-            'both should have one rate, a clock drifts by '
+            f'load and probes are {how} rates that differ by {100.0 * abs(share):.3g} %: if both '
+            'should have one rate, a clock drifts by '
             f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2'))
     return findings
 

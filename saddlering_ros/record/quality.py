@@ -97,6 +97,19 @@ DRIFT_SECONDS, DRIFT_PERIODS = 1e-3, 0.15
 """A drift between clocks that is larger than this at the end of the record [s], and than this
 share of the slower period (stamps jitter by a few percent of it), gets a note."""
 
+MAX_BINS, MAX_IN_BIN, MIN_IN_BIN = 400, 100, 20
+"""Bins whose noise is compared, and readings of each: a bin has its noise to within a third or
+better, and at most 40 000 readings show a drift of 5e-5 as two beats."""
+
+MIN_BEATS = 1.5
+"""Fewer beats are no rhythm: a change during one load cycle is as long."""
+
+MIN_DEPTH, LOUD_ALIKE, QUIET_ALIKE = 0.5, (-0.75, -0.55), -0.5
+"""Depth of the beat of interpolated noise, which is 0.76 by theory and below 0.25 by chance; and
+how a change of a change follows the one before: by -0.64 in the loud third, as white noise does,
+and by -0.33 in the quiet one. Noise that swells by itself has -0.67 in both, a line near half of
+the rate -1."""
+
 
 @dataclass(frozen=True)
 class TopicQuality:
@@ -109,6 +122,7 @@ class TopicQuality:
     resolution: float = math.nan  # greatest common step, 0 if none shows
     noise: float = math.nan  # rms white noise of a reading
     bandwidth: float = math.nan  # [Hz] of the noise, NaN if unknown
+    rate_before: float = 0.0  # share by which the rate before an interpolation differs, 0: none
     spikes: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     stall: tuple[int, int] = (0, 0)  # start, count of equal readings, not by chance or rest
     limit: tuple[float, int] = (math.nan, 0)  # value, count, where a limit repeats an extreme
@@ -153,6 +167,7 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
         rate=rate, mean_rate=math.nan if longest > 1.9 * period else mean_rate,
         repeated=repeated, update_rate=update_rate, resolution=resolution, noise=noise,
         bandwidth=_bandwidth(fresh, update_rate, resolution),
+        rate_before=0.0 if held else _rate_before(values),
         spikes=np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise),
         stall=(0, 0) if held else _stall(values, new, runs, resolution),
         limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0))
@@ -312,6 +327,33 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     return bandwidth if bandwidth > MIN_BANDWIDTH else math.nan
 
 
+def _rate_before(values: Floats) -> float:
+    """Share by which the rate of readings before they were interpolated differs; 0 if none shows.
+
+    A reading at the share f between two with equal noise has (1 - f)^2 + f^2 of its variance, and
+    its second difference has 6 - 20 f (1 - f) in place of 6. Of two rates f rises steadily, so
+    that the noise swells once for each period by which the clocks drift apart.
+    """
+    second = np.diff(values[:MAX_BINS * MAX_IN_BIN], 2)
+    size = max(MIN_IN_BIN, second.size // MAX_BINS)
+    bins = second[:second.size // size * size].reshape(-1, size)
+    power = np.median(np.abs(bins), axis=1) ** 2
+    if len(bins) < 2 * MIN_IN_BIN or not power.min() > 0.0:
+        return 0.0
+    # In tenths of a beat, up to eight bins each.
+    depth = 2.0 * np.abs(np.fft.rfft(power / power.mean() - 1.0, 10 * len(bins))) / len(bins)
+    depth = depth[:10 * len(bins) // 8]
+    found = 0.1 * float(depth.argmax())
+    if found < MIN_BEATS or depth.max() < MIN_DEPTH:
+        return 0.0
+    limit = 6.0 * np.sqrt(power)[:, None]  # of steps and spikes, which are no noise
+    bins = np.clip(bins, -limit, limit)[np.argsort(power)]
+    quiet, loud = (float(np.sum(part[:, 1:] * part[:, :-1]) / np.sum(part**2))
+                   for part in (bins[:len(bins) // 3], bins[-len(bins) // 3:]))
+    is_interpolated = LOUD_ALIKE[0] < loud < LOUD_ALIKE[1] and quiet > QUIET_ALIKE
+    return found / bins.size if is_interpolated else 0.0
+
+
 def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """Largest possible delay [s] between readings of load and probes."""
     ages = [0.5 / one.update_rate if one.is_held else 0.0 for one in (load, *probes)]
@@ -322,7 +364,7 @@ def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: fl
 
 def filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     """Delay [s] of the load by a filter minus that of the probes; 0 if none shows."""
-    if load.is_held or any(one.is_held for one in probes):
+    if rate_before(load, probes) or load.is_held or any(one.is_held for one in probes):
         return 0.0
     bandwidths = np.array([load.bandwidth, median_of_known([one.bandwidth for one in probes])])
     rates = np.array([load.rate, median_of_known([one.rate for one in probes])])
@@ -333,9 +375,15 @@ def filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     return float(lags[0] - lags[1])
 
 
+def rate_before(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
+    """Share by which the rate before an interpolation of load or probes differs, 0: none."""
+    return max(load.rate_before, float(np.median([one.rate_before for one in probes])))
+
+
 def rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """Share by which the probes' rate exceeds the load's, if that may be a drift; else 0."""
-    share = median_of_known([one.mean_rate for one in probes]) / load.mean_rate - 1.0
+    share = rate_before(load, probes) or (
+        median_of_known([one.mean_rate for one in probes]) / load.mean_rate - 1.0)
     period = 1.0 / min(load.rate, median_of_known([one.rate for one in probes]))
     least = max(DRIFT_SECONDS, DRIFT_PERIODS * period)
     is_drift = DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > least

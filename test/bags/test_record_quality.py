@@ -88,6 +88,30 @@ def test_a_load_of_twenty_hertz_beside_probes_of_five_hundred_lags():
     assert line.startswith('probe 3 seems low-passed at about')
 
 
+@pytest.mark.parametrize('drift', [-200e-6, 300e-6, 1000e-6])
+def test_readings_interpolated_from_a_clock_that_drifts_have_one_line(drift):
+    stamps, values = record()
+    probes = []
+    for seed in range(1, 5):
+        seen, read = record(seed=seed, seconds=10.0, drift=drift)
+        probes.append(topic_quality(stamps, np.interp(stamps, seen, read)))
+    (line,) = map(str, clock_findings(topic_quality(stamps, values), probes, 8.0))
+    share = float(line.partition('rates that differ by ')[2].partition(' %')[0])
+    assert share == pytest.approx(abs(100.0 * drift), rel=0.1)
+
+
+@pytest.mark.parametrize('disturbed', [
+    lambda turns, noise: noise * (1.0 + 0.6 * np.cos(2.0 * np.pi * turns)),
+    lambda turns, noise: np.where(turns % 2.0 < 1.0, 10.0, 1.0) * noise,
+    lambda turns, noise: noise + 1.5e-6 * (-1.0) ** np.arange(turns.size) * np.cos(np.pi * turns),
+], ids=['swells', 'is of another size', 'a line near half of the rate'])
+def test_noise_that_swells_by_itself_is_not_interpolated(disturbed):
+    stamps, smooth = record(noise=0.0)
+    noise = NOISE * np.random.default_rng(3).normal(size=stamps.size)
+    turns = np.linspace(0.0, 4.0, stamps.size)
+    assert topic_quality(stamps, smooth + disturbed(turns, noise)).rate_before == 0.0
+
+
 def test_mains_pickup_is_no_low_pass():
     stamps, values = record()
     probes = []
