@@ -15,7 +15,7 @@ from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.files import sha256_of_file, whole_file
 from saddlering_ros.importing.calibration import ImportingError, words_of
-from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples, UNDATED
+from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.record.batches import SECOND
@@ -147,9 +147,6 @@ def import_files(
         sources[0].warn(f'split.runs of the map describes {len(mapping.split.runs)} runs and the '
                         f'files hold {len(runs)}: check seconds: and the elevation of each, which '
                         'goes by their order')
-    if min(run.start for run in runs) < UNDATED:
-        sources[0].warn('stamps count from 1970-01-02, because the time has no date: give start: '
-                        'in time:')
     warnings = [line for source in sources for line in source.warnings]
     return ImportResult(tuple(runs), tuple(warnings))
 

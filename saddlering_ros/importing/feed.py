@@ -74,7 +74,11 @@ class Piece:
                     f'{calibration.words_of(stamps[wrong[0]])}, and a bag holds times from 1970 '
                     'to 2038: correct unit: and start: in time: (spreadsheets count days from '
                     '1899-12-30T00:00:00Z, LabVIEW seconds from 1904-01-01T00:00:00Z)')
-            stamps[(stamps < UNDATED) & found] += DAY
+            early = (stamps < UNDATED) & found
+            if early.any():
+                stamps[early] += DAY
+                self.source.warn('stamps count from 1970-01-02, because the time has no date: '
+                                 'give start: in time:')
             yield block, stamps, first
             first += count
 
@@ -135,11 +139,7 @@ def _clock(
                              'time: {column: ..} or {rate: .., start: ..}')
     if timing.fault:
         raise ImportingError(f'{source.path}: channel {column} {timing.fault}')
-    start = time.start if time.start is not None else timing.start
-    if start is None:
-        source.warn('has no date: stamps count from 1970-01-02; give time: {from: file, '
-                    'start: ..}')
-        start = 0
+    start = time.start if time.start is not None else timing.start or 0
     if timing.column:
         return CountedTime((timing.column,), calibration.unit_of('s', 'time'), start), None
     return calibration.RegularTime(timing.period * SECOND, start, timing.first * SECOND), column

@@ -342,6 +342,19 @@ def test_a_recording_appended_to_a_tdms_file_after_a_pause_is_refused(tmp_path: 
     assert stamps(tmp_path)[0] == 1_795_161_600 * 10**9
 
 
+def test_the_file_whose_time_has_no_date_is_named(tmp_path: Path) -> None:
+    write_waveforms(tmp_path / 'a.tdms', 0.0)
+    savemat(tmp_path / 'b.mat', {'t': 0.01 * np.arange(ROWS), 'G': np.ones(ROWS)})
+    load = {'column': 'F', 'unit': 'kN', 'time': {'from': 'file'}}
+    probe = {'column': 'G', 'unit': 'mm', 'range': [0, 0.002]}
+    (tmp_path / 'map.yaml').write_text(json.dumps(
+        document(load, probe, time={'column': 't', 'unit': 's'})))
+    result = import_files([tmp_path / 'a.tdms', tmp_path / 'b.mat'],
+                          read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
+    (line,) = [line for line in result.warnings if 'has no date' in line]
+    assert line.startswith(f'{tmp_path / "b.mat"}: stamps count from 1970-01-02')
+
+
 @pytest.mark.parametrize(('rate', 'is_said'), [(100.05, False), (200.0, True)])
 def test_a_rate_that_the_file_states_otherwise_is_told(
         tmp_path: Path, rate: float, is_said: bool) -> None:
