@@ -66,10 +66,10 @@ class Hdf5Source(Source):
     def _visit(self, name: str, dataset: Any) -> None:
         if not isinstance(dataset, h5py.Dataset) or name.startswith('#'):
             return
-        self.unread[name] = f'it is of type {dataset.dtype} and shape {dataset.shape}'
+        before = len(self.columns)
         if (dataset.size or 0) < 2:
-            return
-        if dataset.dtype.names:
+            pass
+        elif dataset.dtype.names:
             for field in dataset.dtype.names:
                 self._add(f'{name}/{field}', name, field, dataset.dtype[field])
         elif dataset.ndim == 1 or (dataset.ndim == 2 and 1 in dataset.shape):
@@ -77,6 +77,8 @@ class Hdf5Source(Source):
         elif dataset.ndim == 2:
             for index in range(min(*dataset.shape, MAX_COLUMNS)):
                 self._add(f'{name}:{index + 1}', name, index, dataset.dtype)
+        if len(self.columns) == before:
+            self.unread[name] = f'it is of type {dataset.dtype} and shape {dataset.shape}'
 
     def _add(self, name: str, path: str, which: str | int, kind: np.dtype[Any]) -> None:
         is_text = kind.kind in 'SU' or (kind.kind == 'O' and h5py.check_string_dtype(kind))
@@ -138,7 +140,8 @@ class MatlabSource(Source):
         _check_unpacked_size(path)
         try:
             kinds = {name: kind for name, _, kind in whosmat(path)}
-            self.unread = {name: f'it is of class {kind}' for name, kind in kinds.items()}
+            self.unread = {name: f'it is of class {kind}' for name, kind in kinds.items()
+                           if kind not in _READ}
             names = [name for name, kind in kinds.items() if kind in _READ]
             held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
         except (MatReadError, *_DAMAGED, NotImplementedError, EOFError, IndexError, zlib.error,

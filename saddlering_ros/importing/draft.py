@@ -77,8 +77,7 @@ def _seen(sources: Sequence[Source]) -> Iterator[str]:
                     'no date' if start is None else f'from {calibration.words_of(start)}')
             first = f', first {", ".join(column.samples)}' if column.samples else ''
             yield f'  {column.name}{unit}: {column.kind}s{rows}{clock}{first}'
-        yield from (f'  {name}: not read, because {why}' for name, why in source.unread.items()
-                    if name not in {column.name for column in source.columns})
+        yield from (f'  {name}: not read, because {why}' for name, why in source.unread.items())
         yield from (f'  warning: {line}' for line in source.warnings)
 
 

@@ -385,13 +385,14 @@ def test_packed_and_missing_readings_of_netcdf_are_unpacked(tmp_path: Path) -> N
 def test_a_column_that_is_there_and_is_not_read_is_refused_with_the_reason(
         tmp_path: Path) -> None:
     with h5py.File(tmp_path / 'a.h5', 'w') as file:
-        file['run/F'] = np.ones(ROWS, dtype=complex)
-    savemat(tmp_path / 'a.mat', {'F': np.ones(ROWS, dtype=complex)})
+        file['run/F'], file['W'] = np.ones(ROWS, dtype=complex), np.ones((ROWS, 4))
+    savemat(tmp_path / 'a.mat', {'F': np.ones(ROWS, dtype=complex), 'W': np.ones((ROWS, 4))})
     for name, why in (('a.h5', 'it is of type complex128'), ('a.mat', 'no vector or matrix of')):
         with pytest.raises(ImportingError, match=f"'F' of .* is not read, because .*{why}"):
             imported(tmp_path, tmp_path / name)
-        assert any('not read, because' in line
-                   for line in draft_map(open_sources([tmp_path / name]))[1])
+        seen = draft_map(open_sources([tmp_path / name]))[1]
+        (line,) = [line for line in seen if ': not read, because' in line]
+        assert 'F: not' in line
 
 
 def test_an_infinite_reading_is_left_out_without_a_word_of_numpy(tmp_path: Path) -> None:
