@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from typing import Any
@@ -41,11 +42,14 @@ def plain_table(**columns: list[str]) -> str:
     return table(**{**given, **columns})
 
 
-def convert(folder: Path, text: str, map_: dict[str, Any], **options: Any) -> ImportResult:
-    (folder / 'a.csv').write_text(text)
-    (folder / 'map.yaml').write_text(json.dumps(map_))
-    return import_files([folder / 'a.csv'], read_map(folder / 'map.yaml'), folder / 'bag',
-                        **options)
+def convert(folder: Path, text: str, map_: dict[str, Any] | str, files: Sequence[str] = (),
+            **options: Any) -> ImportResult:
+    """Import `text` as a.csv, or `files` of the folder."""
+    if text:
+        (folder / 'a.csv').write_text(text)
+    (folder / 'map.yaml').write_text(map_ if isinstance(map_, str) else json.dumps(map_))
+    return import_files([folder / name for name in files or ['a.csv']],
+                        read_map(folder / 'map.yaml'), folder / 'bag', **options)
 
 
 def readings(folder: Path, name: str = CHANNELS[0]) -> np.ndarray:

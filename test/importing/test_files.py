@@ -108,17 +108,14 @@ def test_several_files_are_pieces_of_one_record_in_order_of_time(tmp_path: Path)
     (tmp_path / 'b.csv').write_text('\n'.join([text[0], *text[26:]]) + '\n')
     convert(tmp_path, plain_table(), document())
     whole = stamps(tmp_path)
-    import_files([tmp_path / 'b.csv', tmp_path / 'z.csv'], read_map(tmp_path / 'map.yaml'),
-                 tmp_path / 'bag', overwrite=True)
+    convert(tmp_path, '', document(), files=['b.csv', 'z.csv'], overwrite=True)
     assert np.array_equal(stamps(tmp_path), whole)
 
 
 def test_channels_of_two_files_with_rates_of_their_own_make_one_bag(tmp_path: Path) -> None:
     (tmp_path / 'load.csv').write_text('t,F\n' + ''.join(f'{i / 10},{i}\n' for i in range(10)))
     (tmp_path / 'gaps.csv').write_text('t,w\n' + ''.join(f'{i / 100},1\n' for i in range(100)))
-    convert(tmp_path, plain_table(), document())
-    import_files([tmp_path / 'load.csv', tmp_path / 'gaps.csv'], read_map(tmp_path / 'map.yaml'),
-                 tmp_path / 'bag', overwrite=True)
+    convert(tmp_path, '', document(), files=['load.csv', 'gaps.csv'])
     assert len(readings(tmp_path)) == 10
     assert len(readings(tmp_path, 'eddy_current_3')) == 100
 
@@ -136,8 +133,7 @@ def test_encodings_delimiters_and_line_ends_make_no_difference(
     convert(tmp_path, plain_table(), document())
     expected = readings(tmp_path)
     (tmp_path / 'a.csv').write_bytes(change(plain_table()))
-    result = import_files([tmp_path / 'a.csv'], read_map(tmp_path / 'map.yaml'),
-                          tmp_path / 'bag', overwrite=True)
+    result = convert(tmp_path, '', document(), overwrite=True)
     assert np.array_equal(readings(tmp_path), expected)
     assert result.warnings == ()
 

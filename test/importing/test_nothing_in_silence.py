@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 import resource
 import struct
-from typing import Any
 import warnings
 import zlib
 
@@ -23,13 +22,12 @@ from scipy.io import savemat
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.convert import import_files, ImportResult
 from saddlering_ros.importing.draft import draft_map
-from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
 
 DATA = Path(__file__).resolve().parents[2] / 'docs' / 'data'
 GROUPED = [f'{1 + i // 10}.{100 + i},5' for i in range(ROWS)]
+FROM_FILE = document(time={'from': 'file'})
 COMMA = {'t': [f'{i},25' for i in range(ROWS)], 'w': [f'1,{200 + i}' for i in range(ROWS)]}
 
 
@@ -310,7 +308,7 @@ def test_a_channel_without_a_sample_and_a_shared_column_are_named(tmp_path: Path
         writer.write_segment([nptdms.ChannelObject('g', name, np.ones(count), properties=clock)
                               for name, count in (('F', ROWS), ('w', 0))])
     with pytest.raises(ImportingError, match='channel eddy_current_1 has no sample'):
-        imported(tmp_path, tmp_path / 'a.tdms', time={'from': 'file'})
+        convert(tmp_path, '', FROM_FILE, files=['a.tdms'])
     said = refusal(tmp_path, document(split={'by': 'column', 'column': 'F'}))
     assert "column 'F' is that of the time or of split: too" in said
 
@@ -326,18 +324,13 @@ def write_waveforms(path: Path, *starts: float) -> None:
                                   for name in 'Fw'])
 
 
-def imported(folder: Path, file: Path, **sections: Any) -> ImportResult:
-    (folder / 'map.yaml').write_text(json.dumps(document(**sections)))
-    return import_files([file], read_map(folder / 'map.yaml'), folder / 'bag', overwrite=True)
-
-
 def test_a_recording_appended_to_a_tdms_file_after_a_pause_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'a.tdms'
     write_waveforms(file, 0.0, 0.01 * ROWS + 10.0)
     with pytest.raises(ImportingError, match=r'second recording, from 2026-11-20 08:00:10\.500'):
-        imported(tmp_path, file, time={'from': 'file'})
+        convert(tmp_path, '', FROM_FILE, files=['a.tdms'], overwrite=True)
     write_waveforms(file, 0.0, 0.01 * ROWS)
-    imported(tmp_path, file, time={'from': 'file'})
+    convert(tmp_path, '', FROM_FILE, files=['a.tdms'], overwrite=True)
     assert np.ptp(stamps(tmp_path)) == (2 * ROWS - 1) * 10_000_000
     assert stamps(tmp_path)[0] == 1_795_161_600 * 10**9
 
@@ -347,10 +340,8 @@ def test_the_file_whose_time_has_no_date_is_named(tmp_path: Path) -> None:
     savemat(tmp_path / 'b.mat', {'t': 0.01 * np.arange(ROWS), 'G': np.ones(ROWS)})
     load = {'column': 'F', 'unit': 'kN', 'time': {'from': 'file'}}
     probe = {'column': 'G', 'unit': 'mm', 'range': [0, 0.002]}
-    (tmp_path / 'map.yaml').write_text(json.dumps(
-        document(load, probe, time={'column': 't', 'unit': 's'})))
-    result = import_files([tmp_path / 'a.tdms', tmp_path / 'b.mat'],
-                          read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
+    result = convert(tmp_path, '', document(load, probe, time={'column': 't', 'unit': 's'}),
+                     files=['a.tdms', 'b.mat'])
     (line,) = [line for line in result.warnings if 'has no date' in line]
     assert line.startswith(f'{tmp_path / "b.mat"}: stamps count from 1970-01-02')
 
@@ -363,9 +354,10 @@ def test_a_rate_that_the_file_states_otherwise_is_told(
     write_mdf4(tmp_path / 'a.mf4', record)
     time = {'rate': rate, 'start': '2026-11-20T08:00:00Z'}
     for name, columns in (('a.tdms', 'Fw'), ('a.mf4', ('hydraulic_load', 'eddy_current_1'))):
-        result = imported(tmp_path, tmp_path / name, time=time, load={
-            'column': columns[0], 'unit': 'N'}, probe={
-            'column': columns[1], 'unit': 'mm', 'range': [0, 0.002]})
+        result = convert(tmp_path, '', document(
+            {'column': columns[0], 'unit': 'N'},
+            {'column': columns[1], 'unit': 'mm', 'range': [0, 0.002]}, time=time),
+            files=[name], overwrite=True)
         assert any('of 100 Hz by the file are read at 200 Hz' in line
                    for line in result.warnings) == is_said
 
@@ -377,7 +369,7 @@ def test_packed_and_missing_readings_of_netcdf_are_unpacked(tmp_path: Path) -> N
         file['t'], file['w'] = 0.01 * np.arange(ROWS), np.ones(ROWS)
         file['F'] = packed
         file['F'].attrs.update({'scale_factor': 0.5, 'add_offset': 20.0, '_FillValue': -999})
-    result = imported(tmp_path, tmp_path / 'a.nc')
+    result = convert(tmp_path, '', document(), files=['a.nc'])
     assert np.array_equal(readings(tmp_path), 1e3 * (20.0 + 0.5 * np.delete(packed, 3)))
     assert 'missing readings of hydraulic_load, left out: 1' in result.warnings[0]
 
@@ -389,7 +381,7 @@ def test_a_column_that_is_there_and_is_not_read_is_refused_with_the_reason(
     savemat(tmp_path / 'a.mat', {'F': np.ones(ROWS, dtype=complex), 'W': np.ones((ROWS, 4))})
     for name, why in (('a.h5', 'it is of type complex128'), ('a.mat', 'no vector or matrix of')):
         with pytest.raises(ImportingError, match=f"'F' of .* is not read, because .*{why}"):
-            imported(tmp_path, tmp_path / name)
+            convert(tmp_path, '', document(), files=[name])
         seen = draft_map(open_sources([tmp_path / name]))[1]
         (line,) = [line for line in seen if ': not read, because' in line]
         assert 'F: not' in line

@@ -6,20 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from logger_files import CHANNELS, make_record, map_text, Record, WRITERS
+from map_documents import convert
 import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.files import sha256_of_file
-from saddlering_ros.importing.convert import import_files, ImportResult
-from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.rig.instruments import stated_by
-
-
-def imported(tmp_path: Path, file: Path, text: str, **options: object) -> ImportResult:
-    (tmp_path / 'map.yaml').write_text(text)
-    return import_files([file], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag', **options)
 
 
 def assert_equal_to(record: Record, bag: Path) -> None:
@@ -39,7 +33,7 @@ def test_a_bag_comes_back_from_every_format_to_the_last_bit(tmp_path: Path, name
     time = write(file, record)
     (source,) = open_sources([file])
     assert name.removesuffix(' plain') == source.FORMAT
-    result = imported(tmp_path, file, map_text(time))
+    result = convert(tmp_path, '', map_text(time), files=[file.name])
     assert_equal_to(record, tmp_path / 'bag')
     assert result.warnings == ()
 
@@ -49,7 +43,7 @@ def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
     file, write = tmp_path / 'a.csv', WRITERS['CSV'][1]
     text = map_text(write(file, make_record())).replace(
         'unit: N}', 'unit: N, uncertainty: {gain: 0.001, certificate: K-4711}}')
-    imported(tmp_path, file, text)
+    convert(tmp_path, '', text, files=[file.name])
     found = read_raw(tmp_path / 'bag').facts
     stated, certificates = stated_by([found.details['instruments']], 'bag')
     assert (stated.load_gain, certificates) == (0.001, 'K-4711')
@@ -64,7 +58,7 @@ def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
 def test_more_rows_than_a_block_are_written_in_order(tmp_path: Path) -> None:
     record = make_record(rows=150_000, period=100_000)
     time = WRITERS['HDF5'][1](tmp_path / 'a.h5', record)
-    result = imported(tmp_path, tmp_path / 'a.h5', map_text(time))
+    result = convert(tmp_path, '', map_text(time), files=['a.h5'])
     assert_equal_to(record, tmp_path / 'bag')
     counts = {name: course.count for name, course in result.runs[0].courses.items()}
     assert counts == dict.fromkeys(CHANNELS, 150_000)
