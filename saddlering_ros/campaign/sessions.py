@@ -210,7 +210,8 @@ def group_sessions(
     seen: dict[str, FoundBag] = {}
     for bag in bags:
         first = seen.setdefault(bag.sha256, bag) if bag.sha256 else bag
-        key = (str(bag.path), 'unreadable') if bag.problem else (bag.ring, bag.bench)
+        says_nothing = bag.problem or not (bag.metadata or bag.time)
+        key = (str(bag.path), 'unreadable') if says_nothing else (bag.ring, bag.bench)
         groups.setdefault(key, []).append(bag if first is bag else replace(
             bag, role=SKIP, note=f'same recording as {first.path}'))
     parts: list[list[FoundBag]] = []

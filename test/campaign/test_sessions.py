@@ -84,6 +84,10 @@ def test_a_damaged_bag_is_a_session_with_its_reason(works):
     broken = [item for item in group_sessions(find_bags(works)) if item.problem]
     assert len(broken) == 1
     assert 'metadata.yaml' in broken[0].problem
+    for name in ('one.mcap', 'two.mcap'):  # each is to be given its own reason
+        (works / name).write_text(name)
+    assert [bag.path.name for item in group_sessions(find_bags(works)) for bag in item.bags
+            if len(item.bags) == 1 and bag.path.parent == works] == ['one.mcap', 'two.mcap']
 
 
 def test_an_edited_manifest_overrides_the_grouping(works, tmp_path):
