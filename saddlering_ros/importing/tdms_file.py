@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from nptdms import TdmsFile
 from nptdms.log import log_manager
@@ -29,12 +29,11 @@ another recording: clocks of computers scatter by less, and no pause of a test i
 class _Starts(TdmsReader):
     """Every start that a file gives a channel, with its rows before it: npTDMS keeps the last."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
+    def __init__(self, stream: BinaryIO) -> None:
+        super().__init__(stream)
         self.of_channel: dict[str, list[tuple[int, Any]]] = {}
         self._rows: dict[str, int] = {}
         self.read_metadata()
-        self.close()
 
     def _update_object_properties(self, segment_object_properties: Any) -> None:
         for path, given in (segment_object_properties or {}).items():
@@ -57,8 +56,10 @@ class TdmsSource(source.Source):
         super().__init__(path)
         try:
             with self._log_as_warnings():
-                self._file = TdmsFile.open(path, raw_timestamps=True)
-                self._starts = _Starts(path).of_channel
+                with path.open('rb') as stream:
+                    self._starts = _Starts(stream).of_channel
+                # From a stream, because of a path an old index beside it would count.
+                self._file = TdmsFile.open(path.open('rb'), raw_timestamps=True)
                 channels = [one for group in self._file.groups() for one in group.channels()]
                 self._channels = {f'{one.group_name}/{one.name}': one for one in channels}
                 self.columns = tuple(map(self._column, self._channels))

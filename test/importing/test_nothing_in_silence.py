@@ -335,6 +335,17 @@ def test_a_recording_appended_to_a_tdms_file_after_a_pause_is_refused(tmp_path: 
     assert stamps(tmp_path)[0] == 1_795_161_600 * 10**9
 
 
+def test_an_index_of_another_tdms_file_beside_it_is_not_read(tmp_path: Path) -> None:
+    file, index = tmp_path / 'a.tdms', tmp_path / 'a.tdms_index'
+    with nptdms.TdmsWriter(str(file), index_file=True) as writer:
+        writer.write_segment([nptdms.ChannelObject('g', name, np.ones(5)) for name in 'Fw'])
+    old = index.read_bytes()
+    write_waveforms(file, 0.0)
+    index.write_bytes(old)
+    convert(tmp_path, '', FROM_FILE, files=['a.tdms'])
+    assert len(readings(tmp_path)) == ROWS
+
+
 def test_the_file_whose_time_has_no_date_is_named(tmp_path: Path) -> None:
     write_waveforms(tmp_path / 'a.tdms', 0.0)
     savemat(tmp_path / 'b.mat', {'t': 0.01 * np.arange(ROWS), 'G': np.ones(ROWS)})
