@@ -31,7 +31,7 @@ from saddlering_ros.discrepancy import (
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
-from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.problem.fits import Gain, refit, run_refits
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.search.lack_of_fit import Structure
 from saddlering_ros.discrepancy.verdict import established, results, stability, wording, wrong_law
@@ -640,7 +640,7 @@ def test_a_sentence_states_the_unit_of_time_of_the_model(unit, frequency) -> Non
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:
     """The true law acts as the spring with the other sign, which the catalogue does not allow."""
-    monkeypatch.setattr(wrong_law, 'narrow_laws', lambda *_: [])
+    monkeypatch.setattr(wrong_law, 'narrow_laws', lambda *_: {})
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
         wavy = drive**3 + 0.15 * np.sin(6.0 * drive)
@@ -815,6 +815,26 @@ def test_a_refit_may_end_in_any_model_that_was_fitted(monkeypatch: pytest.Monkey
                     if fit.candidate.ids == ('friction',))
     refits = real(replace(seen[-1], fit=friction, alternatives={}), None)[0]
     assert all(refit.is_same and refit.first == 'friction' for refit in refits)
+
+
+def test_an_unfinished_fit_is_no_cause_that_refits_end_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was material far from the optimum, where it leaves more than the base does."""
+    seen: list[Any] = []
+    real = engine.stability_of
+    monkeypatch.setattr(
+        engine, 'stability_of', lambda search, taken: seen.append(search) or real(search, taken))
+    model = replace(MODEL, channels={'seen': Channel(noise=Noise.white(1e-4))})
+    runs = [replace(run, outputs=simulate({
+        'gain': 1.0, 'cubic.size': 0.0, 'friction.size': 5e-4}, run))
+        for run in (record(number, 0.0, 0.0) for number in range(3))]
+    assert diagnose(model, runs).verdict == 'none'
+    space, parameter = seen[-1].space, MODEL.effects['friction'].parameters['size']
+    [friction] = [fit for fit in space.single_effect_fits() if fit.candidate.ids == ('friction',)]
+    far = np.array([*friction.theta_unit[:-1], parameter.to_unit(0.5)])
+    space.fits[friction.candidate.key] = run_refits(
+        space.metric, [refit(space.metric, friction.candidate, far, rounds=0)])[0]
+    assert space.fits[friction.candidate.key].misfit > space.base.misfit
+    assert {one.first for one in real(seen[-1], None)[0]} == {None}
 
 
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,8 +81,9 @@ def _refits(search: Search) -> tuple[Refit, ...]:
     space = search.space
     group = [search.fit, *(other for fits in search.alternatives.values() for other in fits)]
     # A verdict without causes stays the same if a refit ends in one that is too small to matter.
-    others = [fit for fit in space.fits.values() if search.fit.candidate.effects
-              or Comparison(space, space.base, fit).is_material]
+    # A fit that leaves more than the base is unfinished, and its size says nothing.
+    others = [fit for fit in space.fits.values() if search.fit.candidate.effects or (
+        fit.misfit < space.base.misfit and Comparison(space, space.base, fit).is_material)]
     models = {fit.candidate.key: fit for fit in (space.base, *others, *group)}
     answers = []
     wanted = {name for fit in group for name in fit.candidate.ids}
