@@ -95,7 +95,18 @@ def test_points_at_which_a_simulator_fails_are_lost_alone_and_stated() -> None:
 
     found = diagnose(replace(MODEL, simulate=fragile), [record('a')])
     assert (found.verdict, found.causes[0].effect) == ('named', 'bend')
-    assert 'run a: ArithmeticError: too stiff; the last at gain = 1.' in ' '.join(found.warnings)
+    assert 'ArithmeticError: too stiff; the last in run a at gain = 1.' in ' '.join(found.warnings)
+
+
+def test_points_at_which_a_simulator_fails_are_one_sentence_for_all_runs() -> None:
+    def fragile(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        whole = 1.0 if parameters['gain'] < 1.5 else np.nan
+        return {'seen': whole * simulate(parameters, run)['seen']}
+
+    found = diagnose(replace(MODEL, simulate=fragile), [
+        record('a'), replace(record('b'), outputs={'seen': record('b').outputs['seen'] + 1e-3})])
+    [words] = [line for line in found.warnings if 'failed at' in line]
+    assert ': no finite result; the last in run b at gain = ' in words
 
 
 def test_a_simulator_that_always_fails_is_an_error_that_tells_why() -> None:

@@ -244,5 +244,5 @@ def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason() -> None
         return straight(parameters, run)
 
     with pytest.raises(discrepancy.DiscrepancyError,
-                       match=r'parameters \(run run 1: OSError: no road file\)'):
+                       match=r'parameters \(OSError: no road file; the last in run run 1 at '):
         diagnose(lines(simulate), [record(0), record(1)])

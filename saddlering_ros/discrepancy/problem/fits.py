@@ -376,7 +376,8 @@ def fit_base(metric: Whitening) -> Fit:
                   for fit in sorted(coarse, key=lambda fit: fit.misfit)[:2]]
     best = min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
-        reason = next((f' ({why})' for why in getattr(problem.system, 'failures', ())), '')
+        reason = next((f' ({why}; the last in {where})' for why, where in getattr(
+            problem.system, 'failed_at', {}).items()), '')
         raise system.DiscrepancyError(
             f'simulator: it fails at every start of the base parameters{reason}: give each '
             'parameter a start at which the simulator runs')

@@ -411,14 +411,13 @@ class ModelSystem:
         return np.array(rows)
 
     def _lost(self, run: Run, values: Mapping[str, float], why: str, detail: str = '') -> None:
-        what = f'run {run.name}: {why}'
-        self.failures[what] += 1
-        where = self.failed_at[what] = ', '.join(
+        self.failures[why] += 1
+        where = self.failed_at[why] = f'run {run.name} at ' + ', '.join(
             f'{name} = {value:.4g}' for name, value in values.items()
             if value != self._neutral.get(name)) + detail
         if self.failures.total() == self.calls and self.calls >= MAX_LOST:
             raise DiscrepancyError(f'simulator: it failed at all {self.calls} points; the last: '
-                                   f'run {run.name}, {why}, at {where}')
+                                   f'{why}, {where}')
 
     def failure_sentences(self) -> list[str]:
         """Warnings about a simulator that changed, and the points at which it failed."""
@@ -426,8 +425,8 @@ class ModelSystem:
         return [CHANGED.format('since its first call, the simulator', percent(change), name)
                 for name, change in changes.items() if change > REPEATED] + [
             f'the simulator failed at {count} of {self.calls} points, which were left out: '
-            f'{what}; the last at {self.failed_at[what]}'
-            for what, count in self.failures.most_common(3)
+            f'{why}; the last in {self.failed_at[why]}'
+            for why, count in self.failures.most_common(3)
         ]
 
 
