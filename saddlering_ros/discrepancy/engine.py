@@ -30,6 +30,7 @@ from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, hidden_
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, publish_settled
 from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
+from saddlering_ros.discrepancy.verdict.wrong_law import with_narrow_laws
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import allowed_misfit
 
@@ -333,8 +334,7 @@ def _beside_error(strict: Answer) -> Answer:
     """
     noise_alone = strict.search.space
     search = selection.search_beside_error(strict.search)
-    together: Answer | None = None
-    unknown: Answer | None = None
+    answers: dict[results.Verdict, Answer] = {}
     dropped: list[Array] = []
     most_dropped = 0.0
     while search.fit.candidate.effects:
@@ -346,23 +346,21 @@ def _beside_error(strict: Answer) -> Answer:
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != published.main.effect})
         if weak is None:
+            published = with_narrow_laws(noise_alone, published)
             doubts, taken = established.doubts_beside_error(
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
                 noise_alone, strict.before, search, published,
                 doubts or [wording.REST_IS_ERROR], taken, is_established=not doubts)
-            if answer.verdict == 'unknown':
-                unknown = unknown or answer
-            elif answer.verdict == 'named' or len(sizes) == 1:
+            if not doubts and (answer.verdict == 'named' or len(sizes) == 1):
                 return answer
-            else:
-                together = together or answer
+            answers.setdefault(answer.verdict, answer)
             if len(sizes) == 1:
-                return together or unknown or strict
+                break
             weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
         search = selection.learnt_without(noise_alone, search, weak, dropped)
-    return together or unknown or strict
+    return answers.get('ambiguous') or answers.get('unknown') or strict
 
 
 def _answer_beside(

@@ -49,3 +49,6 @@ def test_a_law_of_the_right_kind_that_is_too_narrow_is_not_established(
     doubts = [words for words in answer.warnings if 'of another shape over speed' in words]
     assert bool(doubts) is (verdict == 'unknown')
     assert (answer.probabilities['coulomb'] < 0.2) is (verdict == 'unknown')
+    words = 'Something acts over speed as Dry friction does, by a law of another shape'
+    assert answer.headline.startswith(words) is (verdict == 'unknown')
+    assert ('another_law' in answer.causes[0].entry()) is (verdict == 'unknown')

@@ -50,9 +50,17 @@ class ReductionEntry(TypedDict):
     held_out: float | None
 
 
+class AnotherLawEntry(TypedDict):
+    """A law of another shape: over which coordinate, and what it predicts of the rest."""
+
+    along: str
+    predicts: float
+
+
 class _CausePartial(TypedDict, total=False):
     partial: bool
     may_be_absent: bool
+    another_law: AnotherLawEntry
     elsewhere: list[dict[str, float]]
     title: str
     titles: list[str]
@@ -65,6 +73,7 @@ class CauseEntry(_CausePartial):
     group: every id that these data cannot separate from the effect; titles: of each, for a ring.
     partial: the cause is real, and something else is wrong besides. may_be_absent: it explains
     little, and the 95 % interval of its size includes the size at which it does nothing.
+    another_law: one along a coordinate predicts this share of what the cause leaves in other runs.
     """
 
     effect: str
@@ -80,6 +89,8 @@ class Cause:
 
     partial: the cause is real, and something else is wrong besides. elsewhere: the parameters at
     every other place, such as another probe, that explains these data equally well.
+    another_law: coordinate along which a law of another shape predicts what this law leaves, and
+    the share of that in other runs.
     """
 
     effect: str
@@ -93,6 +104,7 @@ class Cause:
     gain: Gain
     partial: bool = False
     elsewhere: tuple[Mapping[str, float], ...] = ()
+    another_law: tuple[str, float] | None = None
 
     @property
     def may_be_absent(self) -> bool:
@@ -121,6 +133,9 @@ class Cause:
             # A size that shapes replace has a wide interval, whatever the cause explains.
             if self.gain.fit < PARTED and self.may_be_absent:
                 entry['may_be_absent'] = True
+        if self.another_law:
+            along, share = self.another_law
+            entry['another_law'] = {'along': along, 'predicts': share}
         if self.elsewhere:
             entry['elsewhere'] = [dict(values) for values in self.elsewhere]
         return entry

@@ -12,8 +12,10 @@ from saddlering_ros.quantities import first_of, percent, quantity
 
 PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
 ABSENT = 'may not be there: the 95 % interval of its size includes its absence'
-"""Words on a cause of an `unknown`: where a rest is left, where none is, and where its size may be
-that of no effect."""
+ANOTHER_SHAPE = 'by a law of another shape'
+ANOTHER_LAW = f'what acts over {{}} does so {ANOTHER_SHAPE}'
+"""Words on a cause of an `unknown`: where a rest is left, where none is, where its size may be
+that of no effect, and where a law of another shape over a coordinate predicts what it leaves."""
 
 MAX_RUNS = 4
 """Runs whose share of the evidence is reported in a line."""
@@ -58,6 +60,8 @@ def change_words(shares: Sequence[tuple[float | None, str]]) -> str:
 def standing(remainder: Sequence[object] | None, cause: results.CauseEntry) -> str:
     """What keeps a cause from being established, behind its title; '' for one that is."""
     words = ABSENT if cause.get('may_be_absent') else PARTIAL if remainder else OPEN
+    if law := cause.get('another_law'):
+        words = ANOTHER_LAW.format(law['along'])
     return f' ({words})' if cause.get('partial') else ''
 
 
@@ -104,6 +108,10 @@ def headline_of(diagnosis: Diagnosis) -> str:
     rest = ''.join(rest_words(vars(most)) for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
         doubt = doubt_words(diagnosis.probabilities, diagnosis.gain.held_out)
+        first = next(iter(diagnosis.causes), None)
+        if first and first.another_law and (diagnosis.gain.held_out or 0.0) >= PREDICTS:
+            doubt = (f'Something acts over {first.another_law[0]} as '
+                     f'{diagnosis.title_of(first.effect)} does, {ANOTHER_SHAPE}')
         return f'{doubt}, and no cause is established{rest}.'
     gain = diagnosis.gain
     causes = dict.fromkeys(

@@ -9,6 +9,7 @@ wrong shares, or act in one view only where it should act in several.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -104,15 +105,22 @@ def shared_directions(search: Search) -> list[str]:
     return sentences
 
 
-def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every cause whose law, freed along its coordinate, predicts left-out runs.
+def with_narrow_laws(space: ModelSpace, published: Publication) -> Publication:
+    """The numbers, with each cause whose law is too narrow told as `Cause.another_law`."""
+    narrow = narrow_laws(space, published.plain)
+    return replace(published, causes=tuple(
+        replace(cause, another_law=narrow.get(cause.effect)) for cause in published.causes))
+
+
+def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, tuple[str, float]]:
+    """Coordinate of each law that, freed along it, predicts left-out runs, and the share.
 
     space: without learnt model error. The rest is counted in units of the model error that it
     shows, line by line, beside the parameters of the model.
     """
     problem, runs = space.problem, space.problem.runs
     if len(runs) < 2:
-        return []
+        return {}
     every = [slice(None, None, -(-run.time.size // MAX_SAMPLES)) for run in runs]
     ranges = np.ptp(np.hstack([run.channels for run in runs]), axis=1)[:, None, None]
     stacked = problem.by_run(np.column_stack([
@@ -143,7 +151,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
     ends = np.cumsum([block.size for block in rest])
     folds = list(map(slice, (0, *ends[:-1]), ends))
     family = ShapeFamily('', 'curve', (), families.roughness(OTHER_PIECES), (0.0, 1.0))
-    sentences = []
+    narrow = {}
     for number, name in enumerate(fit.candidate.ids):
         repeated, along, splines, law, responses = families.forced(
             [change[:, :, number] for change in changes], states)
@@ -155,9 +163,8 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
         bent = np.linalg.norm(splines @ freed.coefficients) / np.linalg.norm(splines @ law)
         share = freed.predicted / float(wanted @ wanted)
         if share > MIN_FREED and bent > MIN_BENT:
-            sentences.append(wording.NARROW_LAW.format(
-                problem.titles[name], along, percent(share)))
-    return sentences
+            narrow[name] = along, share
+    return narrow
 
 
 def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> list[str]:
