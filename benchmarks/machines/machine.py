@@ -210,6 +210,14 @@ def without(model: Model, effects: Sequence[str]) -> Model:
                    simulate=lambda values, run: simulate({**gone, **values}, run))
 
 
+def known(model: Model, *effects: str) -> Model:
+    """The model with effects as parameters of the base."""
+    base = {f'{effect}.{name}': parameter for effect in effects
+            for name, parameter in model.effects[effect].parameters.items()}
+    return replace(model, base={**model.base, **base}, effects={
+        name: effect for name, effect in model.effects.items() if name not in effects})
+
+
 def steps(random: np.random.Generator, count: int, low: float, high: float, every: int) -> Array:
     """A drive of `count` samples that steps to a random level about `every` samples."""
     levels = np.empty(count)

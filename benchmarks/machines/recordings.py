@@ -1,7 +1,9 @@
-"""Recordings of real machines: ball screws of Cranfield, discharged cells of NASA Ames.
+"""Recordings of real machines: ball screws, discharged cells, a slide, an electronic circuit.
 
 CRANFIELD is the folder of the csv files (doi 10.17862/cranfield.rd.5097649), BATTERIES that of
-B0045.mat to B0048.mat and B0053.mat (Saha and Goebel 2007).
+B0045.mat to B0048.mat and B0053.mat (Saha and Goebel 2007), EMPS that of DATA_EMPS.mat and
+DATA_EMPS_PULSES.mat (Janot, Gautier and Brunot 2019, in forgi86/sysid-neural-continuous),
+SILVERBOX that of SNLS80mV.mat (Wigren and Schoukens 2013, in biaslab/nsi-silverbox).
 """
 
 from functools import cache
@@ -9,11 +11,16 @@ import os
 
 import numpy as np
 from scipy.io import loadmat
+from scipy.signal import butter, filtfilt, resample_poly
 
 from machines.machine import Array
 from saddlering_ros.discrepancy import Run
 
 STEP = 0.04  # s, of a screw
+SLIDE_STEP, SLIDE_EVERY, SLIDE_EDGE = 0.001, 10, 100  # s; samples: kept, of the end of a filter
+MOTION, FORCE = (butter(4, hertz, fs=1.0 / SLIDE_STEP) for hertz in (100.0, 20.0))
+CIRCUIT_STEP, CIRCUIT_FINE = 1000.0 / 610.35, 16  # ms; values of a drive for each sample
+CIRCUIT_WARM, CIRCUIT_SEEN = 600, 2000  # Samples before what is compared, and of this
 table, cells = cache(np.genfromtxt), cache(loadmat)
 
 
@@ -69,3 +76,32 @@ def discharge(cell: str, number: int) -> Run:
     drawn = np.interp(even, time, charge)
     return Run(f'discharge {number}', even, {'charge': drawn, 'known': known, 'curve': curve},
                {'voltage': np.interp(even, time, volts)}, {'charge': drawn})
+
+
+def filtered(force: Array) -> Array:
+    """A force of a slide by sample, below 20 Hz."""
+    return np.asarray(filtfilt(*FORCE, force))
+
+
+def slide(name: str, part: int) -> Run:
+    """A third of a record: the motion by sample, and the force below 20 Hz at 100 Hz."""
+    data = cells(f'{os.environ["EMPS"]}/{name}.mat', simplify_cells=True)
+    place = filtfilt(*MOTION, data['qm'])
+    speed = np.gradient(place, SLIDE_STEP)
+    motion = {'place': place, 'speed': speed, 'rate': np.gradient(speed, SLIDE_STEP)}
+    pulses = np.asarray(data.get('pulses_N', 0.0 * place), np.float64)
+    every = np.array_split(np.arange(SLIDE_EDGE, place.size - SLIDE_EDGE), 3)[part]
+    near, rows = slice(every[0] - SLIDE_EDGE, every[-1] + 1 + SLIDE_EDGE), every[::SLIDE_EVERY]
+    return Run(f'{name} {part}', data['t'][rows], {
+        key: value[near] for key, value in {**motion, 'pulses': pulses}.items()},
+        {'force': data['gtau'] * filtered(data['vir'])[rows]},
+        {key: value[rows] for key, value in motion.items()})
+
+
+def circuit(first: int) -> Run:
+    """A stretch of the record of a circuit, which is compared from sample `CIRCUIT_WARM` on."""
+    data = cells(f'{os.environ["SILVERBOX"]}/SNLS80mV.mat', simplify_cells=True)
+    near = slice(first, first + CIRCUIT_WARM + CIRCUIT_SEEN)
+    return Run(f'from {first}', CIRCUIT_STEP * np.arange(CIRCUIT_SEEN),
+               {'drive': resample_poly(data['V1'][near], CIRCUIT_FINE, 1)},
+               {'output': data['V2'][near][CIRCUIT_WARM:]})
