@@ -60,8 +60,12 @@ class Hdf5Source(Source):
         else:
             is_wide = dataset.shape[1] > dataset.shape[0]
             values = dataset[which, rows] if is_wide else dataset[rows, which]
-        return _unpacked(dataset.attrs, values) if values.dtype.kind not in 'SUO' else np.array(
-            [_text(value) for value in values], dtype=object)
+        if values.dtype.kind in 'SUO':
+            return np.array([_text(value) for value in values], dtype=object)
+        try:
+            return _unpacked(dataset.attrs, values)
+        except ImportingError as problem:
+            raise ImportingError(f'{self.path}: {name}: {problem}') from None
 
     def _visit(self, name: str, dataset: Any) -> None:
         if not isinstance(dataset, h5py.Dataset) or name.startswith('#'):
@@ -99,12 +103,23 @@ class Hdf5Source(Source):
 def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
     """Values by the attributes of netCDF: NaN for missing ones, then scaled and shifted."""
     missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
-    scale, offset = (np.ravel(given.get(key, usual))[0]
+    scale, offset = (_number(given, key, usual)
                      for key, usual in (('scale_factor', 1.0), ('add_offset', 0.0)))
     lost = np.isin(values, np.ravel(missing)) if missing else np.zeros(len(values), dtype=bool)
     if lost.any() or (scale, offset) != (1.0, 0.0):
         values = np.where(lost, np.nan, values) * scale + offset
     return np.asarray(values)
+
+
+def _number(given: Mapping[str, Any], key: str, usual: float) -> float:
+    """An attribute that is one number, also as text. ImportingError if it is none."""
+    value = given.get(key, usual)
+    try:
+        [number] = map(float, np.ravel(value))
+    except ValueError:
+        raise ImportingError(f'its attribute {key} is {value!r}: give one number, or remove '
+                             'it') from None
+    return number
 
 
 def _text(value: object) -> str:

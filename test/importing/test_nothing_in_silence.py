@@ -385,6 +385,16 @@ def test_packed_and_missing_readings_of_netcdf_are_unpacked(tmp_path: Path) -> N
     assert 'missing readings of hydraulic_load, left out: 1' in result.warnings[0]
 
 
+@pytest.mark.parametrize('scale', ['a tenth', np.array([]), np.array([1.0, 2.0])])
+def test_a_scale_that_is_no_number_is_refused(tmp_path: Path, scale: object) -> None:
+    with h5py.File(tmp_path / 'a.nc', 'w') as file:
+        file['t'], file['w'] = 0.01 * np.arange(ROWS), np.ones(ROWS)
+        file['F'] = np.arange(ROWS, dtype=np.int16)
+        file['F'].attrs['scale_factor'] = scale
+    with pytest.raises(ImportingError, match=r'nc: F: its attribute scale_factor is .*: give one'):
+        convert(tmp_path, '', document(), files=['a.nc'])
+
+
 def test_a_column_that_is_there_and_is_not_read_is_refused_with_the_reason(
         tmp_path: Path) -> None:
     with h5py.File(tmp_path / 'a.h5', 'w') as file:
