@@ -575,7 +575,7 @@ def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None
         Cause(name, Effect(name, {'size': Parameter(0, 1)}), 0, (name,), {}, 0.0, 0.0, visible,
               Gain(0.5, 0.5, ''))
         for name, visible in (('large', 0.08), ('small', 0.02)))
-    verdicts: tuple[tuple[Verdict, float], ...] = (('named', 16.0), ('unknown', 4.0))
+    verdicts: tuple[tuple[Verdict, float], ...] = (('named', 4096.0), ('unknown', 4.0))
     for (verdict, ratio), taken in itertools.product(verdicts, (0.99, 0.86, 0.4)):
         told = probabilities_of(verdict, [first, second], taken)
         assert sum(told.values()) == pytest.approx(1.0)
