@@ -1,7 +1,7 @@
 """A slide on a ball screw (EMPS), as its authors recorded it: force of the motor over the motion.
 
 Their model has a mass, viscous and dry friction and an offset. In the second record pulses of a
-further force act. Nothing was chosen on these records.
+further force act. The limit `MIN_BENT` of a freed law was chosen beside it.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """An electronic circuit after Duffing (Silverbox), as its authors recorded it: voltages.
 
-Their model is a spring that hardens with the cube of the output. Nothing was chosen on the record.
+Their spring hardens with the cube. The limit `MIN_BENT` of a freed law was chosen beside it.
 """
 
 import numba as nb
