@@ -62,10 +62,7 @@ class Hdf5Source(Source):
             values = dataset[which, rows] if is_wide else dataset[rows, which]
         if values.dtype.kind in 'SUO':
             return np.array([_text(value) for value in values], dtype=object)
-        try:
-            return _unpacked(dataset.attrs, values)
-        except ImportingError as problem:
-            raise ImportingError(f'{self.path}: {name}: {problem}') from None
+        return _unpacked(f'{self.path}: {name}', dataset.attrs, values)
 
     def _visit(self, name: str, dataset: Any) -> None:
         if not isinstance(dataset, h5py.Dataset) or name.startswith('#'):
@@ -100,10 +97,10 @@ class Hdf5Source(Source):
             others=(f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])),)
 
 
-def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
+def _unpacked(where: str, given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
     """Values by the attributes of netCDF: NaN for missing ones, then scaled and shifted."""
     missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
-    scale, offset = (_number(given, key, usual)
+    scale, offset = (_number(where, key, given.get(key, usual))
                      for key, usual in (('scale_factor', 1.0), ('add_offset', 0.0)))
     lost = np.isin(values, np.ravel(missing)) if missing else np.zeros(len(values), dtype=bool)
     if lost.any() or (scale, offset) != (1.0, 0.0):
@@ -111,14 +108,13 @@ def _unpacked(given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(values)
 
 
-def _number(given: Mapping[str, Any], key: str, usual: float) -> float:
+def _number(where: str, key: str, value: Any) -> float:
     """An attribute that is one number, also as text. ImportingError if it is none."""
-    value = given.get(key, usual)
     try:
         [number] = map(float, np.ravel(value))
     except ValueError:
-        raise ImportingError(f'its attribute {key} is {value!r}: give one number, or remove '
-                             'it') from None
+        raise ImportingError(f'{where}: its attribute {key} is {value!r}: give one number, or '
+                             'remove it') from None
     return number
 
 

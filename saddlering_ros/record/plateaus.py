@@ -157,9 +157,10 @@ def find_holds(time: Floats, load: Floats) -> list[Span]:
 def _holds(time: Floats, load: Floats, window: float, span: float) -> list[Span]:
     period = float(np.median(spread_changes(time)))
     window = max(window, 4.0 * period)
-    noise = float(np.median(np.abs(spread_changes(load)))) / 0.954
+    changes = spread_changes(load)
+    noise = float(np.median(np.abs(changes))) / 0.954
     # Of a ramp that a slow logger reads, every change is large, and the changes are equal.
-    noise = min(noise, 2.0 * float(np.median(np.abs(np.diff(spread(load), 2)))) / 1.652)
+    noise = min(noise, 2.0 * float(np.median(np.abs(np.diff(changes)))) / 1.652)
     samples = window / period
     tolerance = max(STEADY_SHARE * span, NOISE_FACTOR * noise * np.sqrt(2.0 / samples))
     steady = _steady(time, load, window, tolerance)
