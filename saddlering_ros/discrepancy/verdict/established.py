@@ -248,8 +248,8 @@ def doubts_beside_error(
     space, fit, main = search.space, search.fit, published.main
     assert published.shares is not None
     narrow = [wording.NARROW_LAW.format(
-                  space.problem.titles[cause.effect], cause.another_law[0],
-                  percent(cause.another_law[1]))
+                  space.problem.titles[cause.effect], cause.another_law['along'],
+                  percent(cause.another_law['predicts']))
               for cause in published.causes if cause.another_law]
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
               *narrow, *(wrong_law.unlike_channels(alone.space, published.plain)

@@ -50,8 +50,11 @@ class ReductionEntry(TypedDict):
     held_out: float | None
 
 
-class AnotherLawEntry(TypedDict):
-    """A law of another shape: over which coordinate, and what it predicts of the rest."""
+class AnotherLaw(TypedDict):
+    """A law of another shape: its coordinate, and the share of the residual that it predicts.
+
+    The residual is that of the listed law in held-out runs.
+    """
 
     along: str
     predicts: float
@@ -60,7 +63,7 @@ class AnotherLawEntry(TypedDict):
 class _CausePartial(TypedDict, total=False):
     partial: bool
     may_be_absent: bool
-    another_law: AnotherLawEntry
+    another_law: AnotherLaw
     elsewhere: list[dict[str, float]]
     title: str
     titles: list[str]
@@ -73,7 +76,7 @@ class CauseEntry(_CausePartial):
     group: every id that these data cannot separate from the effect; titles: of each, for a ring.
     partial: the cause is real, and something else is wrong besides. may_be_absent: it explains
     little, and the 95 % interval of its size includes the size at which it does nothing.
-    another_law: one along a coordinate predicts this share of what the cause leaves in other runs.
+    another_law: a law of another shape predicts the residual of this one.
     """
 
     effect: str
@@ -89,8 +92,7 @@ class Cause:
 
     partial: the cause is real, and something else is wrong besides. elsewhere: the parameters at
     every other place, such as another probe, that explains these data equally well.
-    another_law: coordinate along which a law of another shape predicts what this law leaves, and
-    the share of that in other runs.
+    another_law: a law of another shape predicts the residual of this one.
     """
 
     effect: str
@@ -104,7 +106,7 @@ class Cause:
     gain: Gain
     partial: bool = False
     elsewhere: tuple[Mapping[str, float], ...] = ()
-    another_law: tuple[str, float] | None = None
+    another_law: AnotherLaw | None = None
 
     @property
     def may_be_absent(self) -> bool:
@@ -134,8 +136,7 @@ class Cause:
             if self.gain.fit < PARTED and self.may_be_absent:
                 entry['may_be_absent'] = True
         if self.another_law:
-            along, share = self.another_law
-            entry['another_law'] = {'along': along, 'predicts': share}
+            entry['another_law'] = self.another_law
         if self.elsewhere:
             entry['elsewhere'] = [dict(values) for values in self.elsewhere]
         return entry
@@ -440,11 +441,11 @@ docs/benchmarks (0.11 and 0.52 on the older half, 0.09 and 0.57 on the other). W
 less than of established causes: on an imperfect machine a true cause often takes little, on a
 perfect one a stand-in takes most of the misfit."""
 
-ESTABLISHED_ALIKE, DOUBTED_ALIKE = 6, 1
-"""Powers of what causes move by which they share their chance. Of 65 dirty rings with several
+ESTABLISHED_EXPONENT, OPEN_EXPONENT = 6, 1
+"""Exponents of the visible size of causes that share a probability. Of 65 dirty rings with several
 established causes the largest was the hidden one in 63. On those up to 575 the logarithm of the
-likelihood is -12.9 by the squares, -8.3 by this power and -7.7 at best; on the 22 newer ones -3.6
-and -1.0. Of causes in doubt, what moves most is less often the main one."""
+likelihood is -12.9 with 2, -8.3 with 6 and -7.7 at best; on the 22 newer ones -3.6 and -1.0. Of
+causes that are not established the largest is less often the main one."""
 
 NOTHING = 0.97
 """How often nothing was there if no misfit beyond noise was found in draws: 138 of 143."""
@@ -459,7 +460,7 @@ def probabilities_of(
     The chance of established causes falls with a power of the share of the misfit that they leave
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
-    which is 0 where their law may be another. Several share by a power of what each moves.
+    which is 0 where their law may be another. Several share it by a power of their visible sizes.
     nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
     the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
@@ -469,8 +470,8 @@ def probabilities_of(
     chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = (MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)) * (1.0 - sound)
-    alike = DOUBTED_ALIKE if verdict == 'unknown' else ESTABLISHED_ALIKE
-    weights = [cause.visible**alike for cause in causes]
+    exponent = OPEN_EXPONENT if verdict == 'unknown' else ESTABLISHED_EXPONENT
+    weights = [cause.visible**exponent for cause in causes]
     answer: dict[str, float] = {}
     for cause, weight in zip(causes, weights, strict=True):
         name = ' or '.join(cause.group)

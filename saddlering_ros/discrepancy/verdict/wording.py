@@ -12,10 +12,9 @@ from saddlering_ros.quantities import first_of, percent, quantity
 
 PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
 ABSENT = 'may not be there: the 95 % interval of its size includes its absence'
-ANOTHER_SHAPE = 'by a law of another shape'
-ANOTHER_LAW = f'what acts over {{}} does so {ANOTHER_SHAPE}'
+ANOTHER_LAW = 'the true law over {} has another shape'
 """Words on a cause of an `unknown`: where a rest is left, where none is, where its size may be
-that of no effect, and where a law of another shape over a coordinate predicts what it leaves."""
+that of no effect, and where a law of another shape over a coordinate predicts its residual."""
 
 MAX_RUNS = 4
 """Runs whose share of the evidence is reported in a line."""
@@ -110,8 +109,8 @@ def headline_of(diagnosis: Diagnosis) -> str:
         doubt = doubt_words(diagnosis.probabilities, diagnosis.gain.held_out)
         first = next(iter(diagnosis.causes), None)
         if first and first.another_law and (diagnosis.gain.held_out or 0.0) >= PREDICTS:
-            doubt = (f'Something acts over {first.another_law[0]} as '
-                     f'{diagnosis.title_of(first.effect)} does, {ANOTHER_SHAPE}')
+            doubt = (f'Something acts over {first.another_law["along"]} as '
+                     f'{diagnosis.title_of(first.effect)} does, by a law of another shape')
         return f'{doubt}, and no cause is established{rest}.'
     gain = diagnosis.gain
     causes = dict.fromkeys(

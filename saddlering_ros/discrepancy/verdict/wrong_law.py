@@ -22,6 +22,7 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.published import plain_fits, Publication
+from saddlering_ros.discrepancy.verdict.results import AnotherLaw
 from saddlering_ros.quantities import percent
 
 MAX_ALIKE = 0.9
@@ -112,8 +113,8 @@ def with_narrow_laws(space: ModelSpace, published: Publication) -> Publication:
         replace(cause, another_law=narrow.get(cause.effect)) for cause in published.causes))
 
 
-def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, tuple[str, float]]:
-    """Coordinate of each law that, freed along it, predicts left-out runs, and the share.
+def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, AnotherLaw]:
+    """For each cause, the freed law that predicts held-out runs, if there is one.
 
     space: without learnt model error. The rest is counted in units of the model error that it
     shows, line by line, beside the parameters of the model.
@@ -151,7 +152,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, tuple[str, float]]:
     ends = np.cumsum([block.size for block in rest])
     folds = list(map(slice, (0, *ends[:-1]), ends))
     family = ShapeFamily('', 'curve', (), families.roughness(OTHER_PIECES), (0.0, 1.0))
-    narrow = {}
+    narrow: dict[str, AnotherLaw] = {}
     for number, name in enumerate(fit.candidate.ids):
         repeated, along, splines, law, responses = families.forced(
             [change[:, :, number] for change in changes], states)
@@ -163,7 +164,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, tuple[str, float]]:
         bent = np.linalg.norm(splines @ freed.coefficients) / np.linalg.norm(splines @ law)
         share = freed.predicted / float(wanted @ wanted)
         if share > MIN_FREED and bent > MIN_BENT:
-            narrow[name] = along, share
+            narrow[name] = AnotherLaw(along=along, predicts=share)
     return narrow
 
 
