@@ -17,7 +17,7 @@ import pytest
 from benchmarks.examiner import open_seal, score, SEALED
 from saddlering_ros import diagnose
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('no_next_test')]
 
 EXAMINER = str(Path(__file__).parents[2] / 'benchmarks' / 'examiner.py')
 TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
@@ -45,7 +45,6 @@ def test_a_sound_rig_gets_no_cause(tmp_path: Path) -> None:
     assert diagnosed(tmp_path, 'clean', 101, runs=THREE) == 'right'
 
 
-@pytest.mark.usefixtures('no_next_test')
 @pytest.mark.parametrize(('effect', 'seed'), [('damping_law', 104)])
 def test_a_hidden_effect_is_found(tmp_path: Path, effect: str, seed: int) -> None:
     assert diagnosed(tmp_path, 'single', seed, effect) == 'right'

@@ -102,12 +102,12 @@ def test_a_model_error_declared_too_small_is_reported_and_no_other_is(
 ) -> None:
     model, runs = sound()
     right = rms_left(model, runs)
-    for share in (1e-6, 1e-4, 0.1 * right, 0.6 * right):
+    for share in (1e-6, 0.6 * right):
         answer = diagnose(declared(model, share), runs)
         assert answer.verdict == 'unknown'
         assert answer.remainder[0].share_of_range > share
         assert any('more than the declared model error of' in one for one in answer.warnings)
-    for share in (right, 3.0 * right, 0.5):
+    for share in (right, 0.5):
         answer = diagnose(declared(model, share), runs)
         assert (answer.verdict, answer.complete) == ('none', True)
         assert answer.warnings == ()

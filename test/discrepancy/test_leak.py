@@ -8,6 +8,8 @@ import pytest
 from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
 from saddlering_ros.discrepancy.verdict import established, wrong_law
 
+pytestmark = pytest.mark.usefixtures('no_next_test')
+
 TIME = np.linspace(0.0, 40.0, 400)
 
 
@@ -86,8 +88,7 @@ def test_a_cause_in_one_channel_that_its_main_cause_cannot_replace_is_no_patch()
     assert [cause.effect for cause in answer.causes] == ['leak', 'clock']
 
 
-@pytest.mark.parametrize(('wander', 'verdict'), [
-    (0.02, 'named'), (0.05, 'named'), (0.11, 'unknown')])
+@pytest.mark.parametrize(('wander', 'verdict'), [(0.05, 'named'), (0.11, 'unknown')])
 def test_a_cause_leaves_no_run_much_more_than_the_others(
     wander: float, verdict: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
