@@ -67,6 +67,27 @@ def test_an_effect_that_a_wrong_valley_of_the_base_conceals_is_selected() -> Non
     assert item.from_unit(float(fit.theta_unit[0])) == pytest.approx(TRUE, abs=1e-2)
 
 
+def test_the_model_without_an_effect_leaves_the_wrong_valley_of_its_own_fit() -> None:
+    """A hum of a wrong phase ended at size 0, and all of it was told to be the drift."""
+    def humming(p: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        hum = p['hum.size'] * np.sin(20.0 * TIME - p['hum.phase'])
+        return {'seen': p['slope'] * TIME + p['drift.size'] * TIME**2 + hum}
+
+    model = Model(humming, base={'slope': Parameter(0.0, 1.0)}, channels=MODEL.channels, effects={
+        'hum': Effect('Hum', {'size': Parameter(0.0, 1.0), 'phase': Parameter.angle()}),
+        'drift': Effect('Drift', {'size': Parameter(-0.1, 0.1)})})
+    noise = 0.01 * np.random.default_rng(1).normal(size=TIME.size)
+    seen = 0.5 * TIME + 0.2 * np.sin(20.0 * TIME - 0.5) + noise
+    space = prepare(problem_of(model, [Run('axis', TIME, {}, {'seen': seen})]))
+    hum = Candidate(((space.problem.system.effects[0], 0),))
+    both = hum.plus(space.problem.system.effects[1], 0)
+    wrong, right = run_refits(space.metric, [
+        refit(space.metric, hum, np.array([0.5, 0.0, 0.6]), rounds=0),
+        refit(space.metric, both, np.array([0.5, 0.2, 0.08, 0.5]))])
+    assert space.keep(wrong).misfit > 10.0 * right.misfit
+    assert space.without(right, 'drift').misfit < 1.1 * right.misfit
+
+
 @pytest.mark.parametrize('beyond', [1e-12, 1e-3])
 def test_only_rounding_may_put_a_start_outside_its_bounds(run: Run, beyond: float) -> None:
     high = MODEL.base['rate'].high

@@ -260,14 +260,22 @@ class ModelSpace:
         return replace(self, trials=self.trials + shapes_tried(inputs), inputs=inputs)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
-        """The model without one effect, refitted."""
+        """The model without one effect, refitted where its own fit is worse than the way to it."""
         candidate = fit.candidate.without(effect_id)
         if not candidate.effects:
             return self.base
-        if candidate.key not in self.fits:
-            count = len(self.problem.system.base_parameters)
-            start = np.concatenate([fit.theta_unit[:count], *(
-                fit.theta_unit[part] for effect, _, part in fit.parts if effect.id != effect_id)])
+        base = self.problem.system.base_parameters
+        count, kept = len(base), self.fits.get(candidate.key)
+        start = np.concatenate([fit.theta_unit[:count], *(
+            fit.theta_unit[part] for effect, _, part in fit.parts if effect.id != effect_id)])
+
+        def misfit_at_start() -> float:
+            begun = self.problem.predict([candidate.point(base, start)])[:, 0]
+            white = self.metric.whiten(begun - self.problem.measured)
+            return float(white @ white)
+
+        # A fit of its own can end in another valley, such as that of a wrong phase.
+        if kept is None or self.once(f'without {effect_id}', fit, misfit_at_start) < kept.misfit:
             # Where the simulator fails without the effect, the others begin from nothing.
             nothing = np.concatenate([self.base.theta_unit, start[count:]])
             for effect, _, part in candidate.slices(count):
