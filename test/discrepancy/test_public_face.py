@@ -181,6 +181,19 @@ def test_few_readings_that_hold_the_misfit_are_told() -> None:
     assert not few(found(straight))
 
 
+def test_a_free_constant_of_a_thousand_ranges_hides_no_cause() -> None:
+    free = replace(lines(straight), channels={'y': Channel(offset='free')})
+    size, rest = [], []
+    for constant in (0.0, 1e4):
+        answer = diagnose(free, [replace(run, outputs={'y': run.outputs['y'] + constant})
+                                 for run in (record(0), record(1))])
+        size.append(answer.causes[0].parameters['size'].value)
+        rest.append(answer.remainder)
+        assert answer.verdict == 'named'
+    assert size[1] == pytest.approx(size[0], rel=1e-4)
+    assert rest == [(), ()]
+
+
 def test_inputs_may_be_lists() -> None:
     run = record()
     assert found(straight, Run('run 0', list(run.time), {'x': list(run.inputs['x'])}, {
