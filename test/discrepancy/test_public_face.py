@@ -194,6 +194,11 @@ def test_a_free_constant_of_a_thousand_ranges_hides_no_cause() -> None:
     assert rest == [(), ()]
 
 
+def test_what_a_bound_leaves_does_not_go_along_a_constant() -> None:
+    answer = diagnose(lines(straight), [record(0, true=-2.0), record(1, true=-2.0)])
+    assert 'no coordinate, as a constant does' not in {rest.along for rest in answer.remainder}
+
+
 def test_inputs_may_be_lists() -> None:
     run = record()
     assert found(straight, Run('run 0', list(run.time), {'x': list(run.inputs['x'])}, {

@@ -227,6 +227,8 @@ class LackOfFitTests:
         problem, orthogonal, tests = self._metric.problem, orthonormal(tangent.white), []
         residual = fit.prediction - problem.measured
         parameters = np.linalg.pinv(orthogonal.T @ tangent.white)
+        # At a bound, a misfit that the parameters could take is left, and no shape holds it.
+        beside = residual - tangent.plain @ (parameters @ (orthogonal.T @ fit.whitened))
         both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
         for coordinate, family in shape_families(problem.runs, problem.assumptions).items():
             for view, weights in problem.system.views.items():
@@ -254,7 +256,7 @@ class LackOfFitTests:
                     view, root, inner, tangent.plain @ (parameters @ shared.T)
                 ) if problem.allowed_sizes[view] and chance < CHANCE else 0.0
                 run = problem.run_along(residual, shape, view)
-                is_constant = _is_constant(problem, residual, shape, view, run)
+                is_constant = _is_constant(problem, beside, shape, view, run)
                 tests.append(ShapeTest(
                     view, CONSTANT if is_constant else coordinate, float(chance), statistic,
                     max(count, 1), float(size), shape if chance < CHANCE else None, beyond,
