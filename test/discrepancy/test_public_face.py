@@ -76,6 +76,10 @@ def test_the_engine_imports_no_ring() -> None:
     (lambda: Channel(offset=None), "channel: offset is None: give 'free', 'none' or a"),
     (lambda: Parameter(None, 1.0), 'parameter: low must be below high, and both finite, not None'),
     (lambda: Run('a', ['early'] * 9, {}, {'y': range(9)}), 'run a: time is no array of numbers'),
+    (lambda: Run('a', np.arange(9).astype('M8[s]'), {}, {'y': range(9)}),
+     'run a: time is no array of numbers: they are dates or durations: give numbers'),
+    (lambda: diagnose(lines(straight), [record()], start={'slope': '2'}),
+     "start: slope is '2': give a number"),
     (lambda: Run('a', range(9), {}, {'y': [[1], [2, 3]]}), 'run a: outputs y is no array of num'),
     (lambda: Run('a', range(9), {}, {'y': [1j] * 9}), 'run a: outputs y is no array of num'),
     (lambda: Parameter('0', '1'), "parameter: low must be below high, and both finite, not '0'"),
@@ -199,6 +203,17 @@ def test_what_a_bound_leaves_does_not_go_along_a_constant() -> None:
     assert 'no coordinate, as a constant does' not in {rest.along for rest in answer.remainder}
 
 
+def test_none_names_the_effects_that_the_data_cannot_test() -> None:
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        answer = straight(parameters, run)['y']
+        return {'y': answer + parameters['gain.size'] * run.inputs['x'] + np.sin(9 * run.time)}
+
+    both = {'wave': WAVE, 'gain': Effect('A gain', {'size': Parameter(0, 1)})}
+    answer = diagnose(replace(lines(simulate), effects=both), [record(0), record(1)])
+    assert answer.verdict == 'none'
+    assert 'These data cannot test A gain.' in answer.summary().splitlines()
+
+
 def test_inputs_may_be_lists() -> None:
     run = record()
     assert found(straight, Run('run 0', list(run.time), {'x': list(run.inputs['x'])}, {
@@ -206,6 +221,9 @@ def test_inputs_may_be_lists() -> None:
 
 
 def test_a_refused_simulator_says_where_it_is_not_finite_and_which_input_is_not() -> None:
+    def wrong(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'y': parameters['slope'] * run.inputs['x'] + run.time}
+
     run = record()
     x = run.inputs['x'].copy()
     x[5:9] = np.nan
@@ -213,6 +231,9 @@ def test_a_refused_simulator_says_where_it_is_not_finite_and_which_input_is_not(
         diagnose(lines(straight), [Run('a', run.time, {'x': x}, run.outputs)])
     assert 'y in 4 of 200 samples, from time 0.100503 on' in str(refused.value)
     assert 'input x has values that are no finite numbers' in str(refused.value)
+    with pytest.raises(discrepancy.DiscrepancyError,
+                       match=r'input x has shape \(195,\), time \(200,\)'):
+        diagnose(lines(wrong), [Run('a', run.time, {'x': x[5:]}, run.outputs)])
 
 
 def test_names_with_dollar_signs_are_drawn_as_they_are(tmp_path: Path) -> None:

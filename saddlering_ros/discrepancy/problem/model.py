@@ -63,6 +63,9 @@ def _numbers(what: str, values: ArrayLike) -> Array:
     try:
         if np.iscomplexobj(values):
             raise TypeError('they are complex: give their parts as two channels')
+        if np.asarray(values).dtype.kind in 'mM':  # As numbers, counts of a unit of their own.
+            raise TypeError('they are dates or durations: give numbers, such as '
+                            "(time - time[0]) / np.timedelta64(1, 's')")
         if np.ma.isMaskedArray(values):
             return np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
         return np.asarray(values, dtype=np.float64)
@@ -386,7 +389,10 @@ class ModelSystem:
                     yield from self._simulated([one], run)
                 return
             words = [*str(error).splitlines(), 'no message'][0]
-            self._lost(run, asked[0], f'{type(error).__name__}: {words}')
+            self._lost(run, asked[0], f'{type(error).__name__}: {words}', ''.join(
+                f'; input {name} has shape {values.shape}, time {run.time.shape}'
+                for name, values in run.inputs.items() if isinstance(values, np.ndarray)
+                and values.ndim == 1 and values.shape != run.time.shape))
             yield None
             return
         for values, outputs in zip(asked, answers, strict=True):

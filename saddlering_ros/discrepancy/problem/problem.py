@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
 import time as clock
 
 import numpy as np
@@ -145,6 +146,9 @@ class Problem:
             if name not in parameters:
                 raise DiscrepancyError(f'start: there is no base parameter {name!r}; there are '
                                        f'{", ".join(parameters)}')
+            given: object = value
+            if not isinstance(given, Real):
+                raise DiscrepancyError(f'start: {name} is {value!r}: give a number')
             bounds = parameters[name]
             slack = ROUNDING * max(abs(bounds.low), abs(bounds.high))
             inside = bounds.low - slack <= value <= bounds.high + slack
@@ -152,8 +156,8 @@ class Problem:
                 raise DiscrepancyError(
                     f'start: {name} = {value:g} is outside {bounds.low:g} to {bounds.high:g}')
         return np.array([
-            given.to_unit(self.start[name]) if name in self.start else given.first_guess
-            for name, given in parameters.items()])
+            one.to_unit(self.start[name]) if name in self.start else one.first_guess
+            for name, one in parameters.items()])
 
     @cached_property
     def size(self) -> int:

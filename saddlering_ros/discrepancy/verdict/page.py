@@ -171,6 +171,10 @@ def summary_text(diagnosis: Diagnosis) -> str:
     if diagnosis.causes and gain.how != 'none':
         lines.append(f'misfit reduction: {wording.gain_words(gain.fit, gain.held_out, gain.how)}')
     lines += wording.certainty_lines(wording.certainty_document(diagnosis), diagnosis.title_of)
+    unseen = [diagnosis.title_of(limit.effect) for limit in diagnosis.observability.limits
+              if not limit.testable]
+    if unseen and diagnosis.verdict == 'none':
+        lines.append(f'These data cannot test {wording.joined(unseen)}.')
     if diagnosis.verdict == 'unknown':
         lines.append(wording.tried_words(
             len(diagnosis.observability.limits), len(diagnosis.search.candidates),

@@ -296,8 +296,8 @@ def remaining_words(explained: float) -> str:
 
 ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
 WORSE_RUN = 'in the fitted run {} the misfit is larger with {} than without'
-ODD_RUN = ('the runs fit together without {}: it alone shows a cause, as a test at another load '
-           'or elevation can, or something was different in it, such as the zero of a sensor: '
+ODD_RUN = ('the runs fit together without {}: it alone shows a cause, as a test under other '
+           'conditions can, or something was different in it, such as the zero of a sensor: '
            'repeat this test')
 WORSE_VIEW = 'in {}, which the causes change most, the misfit is larger with the causes'
 ONE_VIEW = ('{} in {} alone explains the misfit nearly as well, so that what the cause does '
