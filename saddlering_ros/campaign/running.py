@@ -26,6 +26,7 @@ from saddlering_ros.files import versions_in_use
 from saddlering_ros.jobs.worker import DONE, Worker
 
 CONNECT_SECONDS = 10.0
+"""Longest wait [s] for a scheduler; a person waits for the message meanwhile."""
 LOOPBACK = ('localhost', '127.0.0.1', '::1')
 
 ONE_THREAD = dict.fromkeys(
@@ -38,6 +39,7 @@ MAX_LOST_WORKERS = 3
 """Number of workers that died with a task after which it is given up."""
 
 STATUS_SECONDS = 1.0
+"""Between two writings of the status [s], which people read."""
 HEARTBEAT = 2.0
 """Longest time [s] between two looks at whether the executor is alive."""
 

@@ -50,6 +50,7 @@ PART_CHANGE = 0.003
 LONGEST_STEP = 1.0
 """Longest time step of the simulation [s]; samples are closer while the load moves."""
 MIN_SAMPLES = 40
+"""Fewest complete samples: noise and a few effects take the freedom of fewer."""
 
 
 class DiagnosisError(SaddleringError):

@@ -35,6 +35,7 @@ OPPOSITE_LIMIT = 0.1
 each other: 0.004 to 0.012 with sound probes, 0.08 with a draught at one of them."""
 
 STUCK_SAMPLES = 20
+"""Fewest samples of a probe that is stuck: a converter may repeat a few of a slow motion."""
 
 STUCK_SHARE = 0.05
 """Share of the load's span that passes while a reading stands still."""

@@ -37,10 +37,11 @@ COARSE_REACH, FINE_REACH, GRID = 12.0, 0.5, 4
 """Logarithms of both noises are searched on grids of 2 GRID + 1 points a side, each finer."""
 
 COVERAGE = 0.95  # of the intervals predicted
-MIN_PREDICTIONS = 3
+MIN_PREDICTIONS = 3  # one or two show no coverage
 MIN_COVERAGE_P = 0.05  # a drift that predicts worse gives no life
 
 PATHS, STEPS = 4000, 400
+"""Drawn futures, whose quantiles of 5 % are then true to 0.3 %, and steps of each."""
 HORIZON = 20.0
 """Longest time looked ahead, in times that the mean trend takes to the limit."""
 

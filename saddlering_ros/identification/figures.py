@@ -125,7 +125,7 @@ def channel_figures(
         np.array([np.nanmean(values[start:stop]) for start, stop in rests]) if static
         else values[compared] for values in (run.load, measured, simulated))
     smooth = shape_measured
-    if not static and len(smooth) > 400:
+    if not static and len(smooth) > 400:  # else 0.5 % of the record are two samples at most
         width = len(smooth) // 200  # A running mean over 0.5 % of the record.
         smooth = np.convolve(smooth, np.ones(width) / width, mode='valid')
     extent = float(np.ptp(smooth))

@@ -40,7 +40,7 @@ ring is at rest long before, and every step of a motion and its derivatives is i
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
 """Smallest number of plateaus of a static run, and smallest share of a dynamic run, with readings
-of all four probes."""
+of all four probes. Stiffness, exponent and zero take three plateaus."""
 
 MAX_END = 100
 """Largest number of samples that are the end of a record: those of a long pause do not count."""

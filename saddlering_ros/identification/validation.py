@@ -168,7 +168,7 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         for start, stop in rests:
             inside[start:stop] = True
         compared &= inside
-    if np.count_nonzero(compared) < 5:
+    if np.count_nonzero(compared) < 5:  # a zero, a slope and a loop take four
         raise IdentificationError(
             f'{name}: fewer than 5 samples can be compared: check that load and probes overlap')
     result = RunValidation(

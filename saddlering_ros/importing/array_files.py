@@ -17,6 +17,7 @@ from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.source import as_numbers, Column, NUMBER, Source, TEXT
 
 MAX_COLUMNS = 4096
+"""Columns offered at most: a picture kept as a data set has thousands that nobody chooses."""
 
 MAX_UNPACKED = 1 << 30
 """Most bytes of a MATLAB file of format 5, whose variables are read as a whole."""

@@ -22,6 +22,7 @@ from saddlering_ros.importing.source import Block, Column, MAX_LEFT_OUT, NUMBER,
 
 SNIFFED_BYTES = 1 << 18
 SNIFFED_LINES = 400
+"""What is read of a file to learn its form; above the data, loggers write some tens of lines."""
 DELIMITERS = {'\t': 'tab', ';': 'semicolon', ',': 'comma', '|': 'bar', ' ': 'blank'}
 
 BLOCK_BYTES = 1 << 20

@@ -76,6 +76,7 @@ BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
 
 MIN_MEANS = 20
+"""Fewest means whose noise is drawn, a standard deviation known to 16 %."""
 
 ELEVATION_KEY = 'elevation [deg]'
 """Key of /diagnostics whose value the page shows, if the rig measures none."""

@@ -46,6 +46,7 @@ REFINE_AFTER, REFINE_GROWTH = 2.0, 0.1
 of the time since the alarm: samples to come may speak against a guess."""
 
 MAX_LAPSES = 20
+"""Newest lapses kept: a driver that fails all night fills neither memory nor message."""
 
 
 @dataclass(frozen=True)
@@ -333,6 +334,7 @@ FOLLOWS = {
 """What a residual follows, in words, and the frequent causes of one that does."""
 
 MIN_BLOCKS = 10
+"""Fewest blocks that show what a residual follows; in fewer it is often chance."""
 STEADY_SHARE = 0.35
 """A residual whose scatter is below this share of its mean is an offset."""
 

@@ -44,10 +44,11 @@ REPEAT = 0.05
 LONGEST_STRIDE = SECOND // 2
 """In real time the clock never skips more than this; after a pause of the machine it is late."""
 
-LINGER = 0.5
-
 LONGEST_LINGER = 5.0
 """Longest time [s] at the end in which a reader may still get the last state."""
+
+LINGER = 0.5
+"""The same [s] if all readers say that they have it; one that has just come is still found."""
 
 LONGEST_WATCHED = 60.0
 """Longest time [s] at the end in which a live page may still receive what was published."""

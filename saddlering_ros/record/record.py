@@ -252,6 +252,7 @@ place of the ring, whether the session is a base measurement, on the description
 
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
+"""Elevations [deg] from the depression of a gun to an upright barrel."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ FIRST_SAMPLE = 5.0
 """Longest wait [s] for the first sample; the time of listening begins with it."""
 
 POLL = 0.002
+"""Between two looks at what came [s]: two samples of a driver with 1 kHz."""
 
 
 @dataclass

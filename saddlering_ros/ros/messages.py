@@ -184,6 +184,7 @@ def progress_of(node: str, subscriptions: list[RawSubscription], publishers: lis
 
 
 MAX_SPECTATORS = 8
+"""Live pages that are waited for at once; strangers cannot make the list grow."""
 SPECTATOR_LEASE = 10.0
 """A spectator that has not reported for so long [s] is gone; one that leaves says so. A busy
 machine has kept a page from reporting for several seconds while a browser loaded it."""

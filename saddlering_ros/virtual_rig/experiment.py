@@ -241,7 +241,7 @@ def _at_probes(motion: Motion) -> Floats:
                      motion.y - lever * motion.tilt])
 
 
-LEVELS = 2**16
+LEVELS = 2**16  # of converters with 16 bits
 CELL_SPAN = 3e5 / FULL_SCALE_LOAD
 """Span of the load cell to both sides over the full scale, in 2^16 levels."""
 

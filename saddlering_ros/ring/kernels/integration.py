@@ -29,6 +29,7 @@ MIN_DAMPING_SHARE = 1e-8
 """Smallest share that is used, also for a ring without damping."""
 
 MIN_FRACTION = 1.0 / 256.0
+"""Share of a requested step, after eight halvings, whose error is taken as it is."""
 
 SOLVED, FAILED, TOO_COARSE = 0, -1, -2
 """Results of a step; that of TOO_COARSE has a larger error than allowed."""
