@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
+from itertools import count
 import os
 from pathlib import Path
 import sys
@@ -99,8 +100,11 @@ class Recorder(StreamingNode):
         return others and f'the bag states {said}, and nodes meanwhile had another: {others}'
 
     def keep_as_incomplete(self) -> Path:
-        """Keep the recording under a name beside its own; the path of it."""
-        self._bag.path = self._bag.path.with_name(f'{self._bag.path.name}.incomplete')
+        """Keep the recording under a free name beside its own; the path of it."""
+        own = self._bag.path
+        places = (own.with_name(f'{own.name}.incomplete' + f'.{number}' * (number > 1))
+                  for number in count(1))
+        self._bag.path = next(one for one in places if not one.exists())
         return self._bag.path
 
     def counts(self) -> dict[str, int]:

@@ -51,6 +51,7 @@ def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
     recorded = tmp_path / 'recorded'
     recorded.mkdir()
     (recorded / 'metadata.yaml').write_text('a good recording')
+    (tmp_path / 'recorded.incomplete').mkdir()
     thread = soon(node_server, name, number, recorded)
     assert main(['replay', str(bag), '--domain', str(ros_domain), '--record', str(recorded),
                  '--overwrite', '--rate', '0.5']) == 2
@@ -59,7 +60,9 @@ def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
     assert words in said.err
     assert 'at its end\n' not in said.out
     assert (recorded / 'metadata.yaml').read_text() == 'a good recording'
-    assert len(read_raw(tmp_path / 'recorded.incomplete')['/rig/hydraulic_load']) > 100
+    assert 'until then is in ' + str(tmp_path / 'recorded.incomplete.2\n') in said.err
+    assert 'appeared' not in said.err
+    assert len(read_raw(tmp_path / 'recorded.incomplete.2')['/rig/hydraulic_load']) > 100
 
 
 def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_not_kept() -> None:
