@@ -204,6 +204,10 @@ def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Findi
             f'its resolution of {quantity(quality.resolution, unit)} is coarser than its noise '
             f'({quantity(quality.noise, unit)} rms): rounding counts as noise; use a finer range '
             'of the converter', topic))
+    if quality.alternates:
+        findings.append(Finding(
+            f'every second reading differs by {quantity(quality.alternates, unit)}: two drivers '
+            'or two converters publish it: end one of them', topic))
     if quality.spikes.size:
         findings.append(Finding(
             f'{quality.spikes.size} of its readings are spikes, the first at sample '

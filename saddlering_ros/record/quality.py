@@ -80,6 +80,10 @@ BAND_RATIO = 2.0
 """Ratio of the bandwidths of load and probes, each over its own rate, above which their filters
 differ."""
 
+STRETCH, MIN_APART = 64, 2.0
+"""Readings of a stretch of which every second one may differ, and least difference in standard
+deviations of the noise and in steps: white noise has 0.2, and 2 in none of a million stretches."""
+
 COARSE_SHARE = 1.5
 """Step of a converter, in standard deviations of the noise, above which it is coarse."""
 
@@ -126,6 +130,7 @@ class TopicQuality:
     spikes: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     stall: tuple[int, int] = (0, 0)  # start, count of equal readings, not by chance or rest
     limit: tuple[float, int] = (math.nan, 0)  # value, count, where a limit repeats an extreme
+    alternates: float = 0.0  # difference of every second reading, 0 if it can be noise
 
     @property
     def is_held(self) -> bool:
@@ -170,7 +175,8 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
         rate_before=0.0 if held else _rate_before(values),
         spikes=np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise),
         stall=(0, 0) if held else _stall(values, new, runs, resolution),
-        limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0))
+        limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0),
+        alternates=0.0 if held else _alternates(seen, resolution))
 
 
 def _runs(values: Floats) -> NDArray[np.int64]:
@@ -325,6 +331,18 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
         share = 0.999
     bandwidth = -math.log1p(-share) * rate / (2.0 * math.pi)
     return bandwidth if bandwidth > MIN_BANDWIDTH else math.nan
+
+
+def _alternates(values: Floats, resolution: float) -> float:
+    """Difference of every second reading (N,) from its neighbours: the median over stretches."""
+    middle = values[1:-1] - 0.5 * (values[:-2] + values[2:])  # without a straight line
+    count = middle.size // STRETCH
+    if not count:
+        return 0.0
+    signs = np.where(np.arange(STRETCH) % 2, -1.0, 1.0)
+    apart = float(np.median(np.abs(middle[:count * STRETCH].reshape(count, STRETCH) @ signs)))
+    noise = min(white_noise(values[::2]), white_noise(values[1::2]))
+    return apart / STRETCH if apart > MIN_APART * STRETCH * max(noise, resolution) else 0.0
 
 
 def _rate_before(values: Floats) -> float:

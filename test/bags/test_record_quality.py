@@ -56,9 +56,11 @@ def test_single_spikes_are_found_each_and_nothing_else():
     (lambda values: np.minimum(values, 1e-3 + 0.95 * 120e-6), 'at a limit'),
     (lambda values: values[np.arange(values.size) // 20 * 20],
      '95 % of consecutive readings are equal'),
+    (lambda values: values + np.arange(values.size) % 2 * 0.01 * values,
+     'every second reading differs by 10.4 µm: two drivers'),
     *((lambda values, step=step: step * np.rint(values / step),
        f'resolution of {quantity(step, "m")}') for step in (0.7e-6, 2e-6, 5e-6))],
-    ids=['stall', 'limit', 'held', *'123'])
+    ids=['stall', 'limit', 'held', 'two drivers', *'123'])
 def test_a_fault_of_the_readings_has_one_line(change, words):
     stamps, values = record()
     (line,) = notes(stamps, change(values))
