@@ -7,8 +7,9 @@ import numpy as np
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.search.evidence import SearchLog
-from saddlering_ros.discrepancy.search.selection import select, silent_effects
+from saddlering_ros.discrepancy.search.selection import select
 from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.search.valleys import silent_effects
 
 TIME = np.linspace(0.0, 20.0, 400)
 RIM = 10.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.selection import better_base, select
-from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.search.space import ModelSpace, prepare, refitted
 
 TIME = np.linspace(0.0, 12.0, 400)
 TRUE, WRONG = 1.3, 2.6
@@ -97,3 +99,47 @@ def test_only_rounding_may_put_a_start_outside_its_bounds(run: Run, beyond: floa
         return
     with pytest.raises(DiscrepancyError, match='is outside'):
         problem.first_guess()
+
+
+def roll(p: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """Angle of a wheel with unequal teeth: late in a run no slope leads to the right path."""
+    angle, speed, seen = 0.0, 0.0, np.empty(TIME.size)
+    for number, pull in enumerate(np.asarray(run.inputs['pull'])):
+        seen[number] = angle
+        speed += TIME[1] * (pull - p['loss'] * speed - p['teeth.size'] * np.sin(6.0 * angle))
+        angle += TIME[1] * speed
+    return {'angle': seen + p['drift.size'] * TIME}
+
+
+WHEEL = Model(
+    roll,
+    base={'loss': Parameter(0.1, 3.0)},
+    effects={'teeth': Effect('Unequal teeth', {'size': Parameter(-8.0, 8.0)}),
+             'drift': Effect('Drift', {'size': Parameter(-1.0, 1.0)})},
+    channels={'angle': Channel(noise=Noise.white(0.01))},
+)
+
+
+@pytest.fixture(scope='module')
+def wheel() -> ModelSpace:
+    pull = 2.0 * np.sin(0.9 * TIME) + 2.0 * np.sin(2.3 * TIME + 1.0)
+    run = Run('wheel', TIME, {'pull': pull}, {'angle': TIME})
+    seen = roll({'loss': 0.8, 'teeth.size': 3.0, 'drift.size': 0.0}, run)['angle']
+    noise = 0.01 * np.random.default_rng(1).normal(size=TIME.size)
+    return prepare(problem_of(WHEEL, [replace(run, outputs={'angle': seen + noise})]))
+
+
+def test_an_effect_is_found_whose_path_only_the_start_of_a_run_leads_to(wheel: ModelSpace) -> None:
+    fit = select(wheel, SearchLog())
+    assert fit.candidate.ids == ('teeth',)
+    assert fit.point.effects['teeth']['size'] == pytest.approx(3.0, rel=0.02)
+
+
+def test_a_model_that_was_fitted_before_is_tried_again(wheel: ModelSpace) -> None:
+    teeth = Candidate(((wheel.problem.system.effects[0], 0),))
+    item = wheel.problem.system.effects[0].size
+    start = np.array([WHEEL.base['loss'].to_unit(0.8), item.to_unit(3.0)])
+    [right] = run_refits(wheel.metric, [refit(wheel.metric, teeth, start)])
+    space = replace(wheel)
+    space.keep(right)
+    assert refitted(space, space.base)[0] is right

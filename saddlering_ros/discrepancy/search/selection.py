@@ -2,9 +2,9 @@
 
 `search_about` is the whole procedure. `forward` adds effects while the next one is real, material
 and larger than form errors. `prune` removes members that explain too little. `simpler` searches
-one effect that explains the part of several. `masked_pair` and `_fit_from_all_over` search effects
-that the search of one effect after another cannot find. `check_alternatives` compares every member
-with the other effects.
+one effect that explains the part of several. `masked_pair` and `_concealed` search effects that
+the search of one effect after another cannot find. `check_alternatives` compares every member with
+the other effects.
 
 Two effects can mask each other: a softer lower row and a probe that reads too much move a channel
 in opposite directions, and each alone leaves almost the whole misfit.
@@ -26,12 +26,11 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
 from saddlering_ros.discrepancy.problem.system import Array, Effect
-from saddlering_ros.discrepancy.search import evidence, ranking
+from saddlering_ros.discrepancy.search import evidence, ranking, valleys
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 
 MAX_BASES = 3
@@ -150,19 +149,20 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """An effect that the base fit conceals and that fits better than a `fit` with misfit.
 
-    Silent effects are tried. If the base may have several minima and `fit` leaves more of the
-    misfit than a member of a model may leave, all effects are tried: the base alone can be in a
-    minimum from which no path leads to the true one.
+    Silent effects are tried. If the base may have several minima and `fit` leaves more of its
+    misfit than an established cause may, all effects are tried: the base alone can be in a minimum
+    from which no path leads to the true one.
     """
     if not space.leaves_misfit(fit):
         return fit
-    singles = _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
+    silent = valleys.silent_effects(space.signatures)
+    singles = valleys.fit_from_all_over(space, silent)
     best = min([fit, *singles], key=space.penalised)
-    is_far = space.problem.assumptions.many_valleys and (
-        _explained(space, best) < space.settings.min_partial)
+    left, whole = (space.slow_residual(one).excess for one in (best, space.base))
+    is_far = space.problem.assumptions.many_valleys and left > valleys.MAX_LEFT * whole
     if is_far:
         effects = {one.key: (one.effect, one.variant) for one in space.signatures}
-        singles += _fit_from_all_over(space, list(effects.values()), starts=1)
+        singles += valleys.fit_over_growing_time(space, list(effects.values()))
     log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
     return min([fit, *singles], key=space.penalised)
 
@@ -341,55 +341,6 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         trials=space.trials if count else space.trials**2 // 2)
     is_real = p_value < space.settings.error_rate
     return space.keep(best) if is_real and space.penalised(best) < space.penalised(fit) else fit
-
-
-MAX_STARTS = 3
-"""First guesses of a silent effect for each start of the base: the sizes on one side."""
-
-
-def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
-    """Effects and variants whose starts change the prediction by less than the noise hides."""
-    effects = {signature.key: signature.effect for signature in signatures}
-    heard = {signature.key for signature in signatures
-             if signature.share > 0.0 and signature.length / signature.share >= MIN_LENGTH}
-    return [(effect, key[1]) for key, effect in effects.items() if key not in heard]
-
-
-def _fit_from_all_over(
-    space: ModelSpace, effects: Sequence[tuple[Effect, int]], starts: int
-) -> list[Fit]:
-    """The base and each effect alone, the best of several starts; the best first.
-
-    Those starts of base and effect receive a few rounds at which the effect has influence.
-    starts: first guesses of an effect for each start of the base.
-    """
-    if not effects:
-        return []
-    metric, problem, single_fits = space.metric, space.problem, []
-    base = problem.system.base_parameters
-    thetas = fitting.spread_starts(base, space.settings.seed)
-    alone = problem.predict([Candidate().point(base, theta) for theta in thetas])
-    for effect, variant in effects:
-        space.watch.check()
-        candidate = Candidate(((effect, variant),))
-        wholes = [np.concatenate([theta, start])
-                  for start in effect.first_guesses[:starts] for theta in thetas]
-        seen = problem.predict([candidate.point(base, whole) for whole in wholes])
-        changed = seen - np.tile(alone, seen.shape[1] // alone.shape[1])
-        acts = np.flatnonzero(np.isfinite(changed).all(axis=0) & changed.any(axis=0))
-        if not acts.size:
-            continue
-        lengths = np.linalg.norm(metric.whiten(changed[:, acts]), axis=0)
-        left = metric.whiten(seen[:, acts] - problem.measured[:, None])
-        misfits = np.where(lengths > MIN_LENGTH, (left**2).sum(axis=0), np.inf)
-        fits = run_refits(metric, [
-            refit(metric, candidate, wholes[acts[number]], rounds=fitting.COARSE_BASE)
-            for number in np.argsort(misfits)[:fitting.MAX_BASE_STARTS]
-            if np.isfinite(misfits[number])])
-        if fits:
-            best = min(fits, key=lambda fit: fit.misfit)
-            single_fits += [space.keep(fit) for fit in space.refine([best])]
-    return sorted(single_fits, key=space.penalised)
 
 
 ERROR_WAVES = 60

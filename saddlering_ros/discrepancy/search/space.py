@@ -389,6 +389,9 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
         # All receive a few rounds with free base parameters, because a first-order gain is a poor
         # guide to an effect that the base fit imitates. Those are refined of which the slopes of
         # the residual promise a good share of the gain of the best one.
+        # A model that was fitted before is not fitted again, but tried.
+        keys = [current.candidate.plus(score.effect, score.variant).key for score in scores]
+        known = [space.fits[key] for key in keys if key in space.fits]
         names = {current.candidate.plus(score.effect, score.variant).key for score in listed}
         others = [(score, [score.start]) for score in scores
                   if all(score is not tried for tried in listed)]
@@ -408,7 +411,7 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
         stopped = best_fit_of_each([one for one in raced if one.candidate.key in names])
         # A refined fit replaces what the race left of it.
         kept = {one.candidate.key: space.keep(one) for one in [*stopped, *refined]}.values()
-        return sorted([*first, *kept], key=space.penalised)
+        return sorted([*known, *kept], key=space.penalised)
 
     return space.once('refitted', current, refits)
 
