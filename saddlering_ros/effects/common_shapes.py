@@ -61,7 +61,7 @@ class ClearanceEffect(RingEffect):
                         'true clearance minus the clearance in the rig file', amplitude=True),
         EffectParameter('spread', '1', 0.0, 1.0, 0.3, 0.0,
                         'difference of rollers: evenly from 1 - s to 1 + s times the change; 0: '
-                        'all alike', one_sided=True))
+                        'all alike, 1: also what waves round the raceways do', one_sided=True))
     starts = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
