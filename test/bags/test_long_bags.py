@@ -140,8 +140,8 @@ def peak_of(work):
 def long_bags(tmp_path_factory):
     """A bag, one of four times its length, and four that are as long together."""
     folder = tmp_path_factory.mktemp('long')
-    return [[write(folder / 'short', 20_000)], [write(folder / 'long', 80_000)],
-            [write(folder / f'part_{number}', 20_000, number) for number in range(4)]]
+    return [[write(folder / 'short', 10_000)], [write(folder / 'long', 40_000)],
+            [write(folder / f'part_{number}', 10_000, number) for number in range(4)]]
 
 
 def displacement(bags):
@@ -160,7 +160,7 @@ def fit(bags):
     """What identification and diagnosis hold of their bags."""
     runs = [read_run(bag, rig=RIG) for bag in bags]
     refuse_repeats(runs)
-    limit = fit_limit(runs, 5_000)
+    limit = fit_limit(runs, 2_500)
     runs = [condensed(run, RIG, limit) for run in runs]
     return [prepare(run, RIG, 50.0) for run in runs], [
         build_record(RIG, run, held_out=False) for run in runs]
@@ -170,10 +170,10 @@ def fit(bags):
 def test_memory_grows_neither_with_the_length_nor_with_the_number_of_bags(
     long_bags, in_small_blocks, work,
 ):
-    in_small_blocks(long=5_000, block=5_000)
+    in_small_blocks(long=2_500, block=2_500)
     work(long_bags[0])  # what is loaded once
     short, *others = (peak_of(lambda bags=bags: work(bags)) for bags in long_bags)
-    rows = 60_000
+    rows = 30_000
     assert max(others) - short < 16 * rows, 'a sample has eleven numbers, 88 bytes'
 
 
