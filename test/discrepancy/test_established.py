@@ -439,6 +439,24 @@ def test_a_size_that_a_cause_too_small_to_show_may_change_is_told(is_told: bool)
         assert abs(size.value - 0.03) < shift + 2.0 * size.std
 
 
+def test_a_free_scale_of_the_base_is_no_change_of_a_size_by_a_hidden_cause() -> None:
+    """A size within -1 to 1 was told to change by 1.2 x 10^7."""
+    def scaled(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drag = np.tanh(np.asarray(run.inputs['speed']) / 0.8)
+        forces = simulate({**values, 'cubic.size': 0.0}, run)['seen'] + values['drag.size'] * drag
+        return {'seen': forces / values['stiffness']}
+
+    model = Model(
+        scaled, {**MODEL.base, 'stiffness': Parameter(0.5, 2.0)},
+        {'friction': MODEL.effects['friction'],
+         'drag': Effect('Drag', {'size': Parameter(-1, 1)})},
+        {'seen': Channel(noise=Noise.white(STD))})
+    runs = [record(number, 0.03, 0.0) for number in range(3)]
+    answer = diagnose(model, runs)
+    assert [cause.effect for cause in answer.causes] == ['friction']
+    assert not [words for words in answer.warnings if 'counts no cause too small' in words]
+
+
 @pytest.mark.parametrize('wrong', [{1}, {1, 2}])
 def test_a_run_without_which_the_others_fit_together_is_told(wrong: set[int]) -> None:
     """A load cell that was zeroed anew before one of four tests of a ring got no such note."""

@@ -11,11 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit, tangent
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import space as spaces
-from saddlering_ros.discrepancy.search.signatures import length_needed, orthonormal, SMALLER
+from saddlering_ros.discrepancy.search.signatures import length_needed, SMALLER
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.published import MAINLY
@@ -219,32 +219,32 @@ def hidden_causes(space: ModelSpace, fits: PublishedFits, causes: Sequence[Cause
     that would not be found beside it nine times in ten, or not matter.
     """
     metric, fit, sentences = fits.metric, fits.after, []
-    columns = tangent(metric, fit).white
-    others = [(signature, metric.whiten(signature.plain)) for signature in space.signatures
-              if signature.share >= STRAIGHT_SHARE]
+    columns, others = tangent(metric, fit).white, []
+    # With the prior of every fit, without which scales that only have a ratio would move freely.
+    gram = columns.T @ columns + PRIOR**2 * np.eye(fit.theta_unit.size)
+    for signature in space.signatures:
+        if signature.share >= STRAIGHT_SHARE:
+            white = metric.whiten(signature.plain)
+            moves = np.linalg.solve(gram, columns.T @ white)
+            others.append((signature, moves, float(np.linalg.norm(white - columns @ moves))))
     by_effect = {cause.effect: cause for cause in causes}
     for effect, _, indices in fit.parts:
         cause, index = by_effect[effect.id], indices.start
-        beside = orthonormal(np.delete(columns, index, axis=1))
-        own = columns[:, index] - beside @ (beside.T @ columns[:, index])
-        length, size = float(np.linalg.norm(own)), cause.parameters[effect.size.name]
+        size = cause.parameters[effect.size.name]
         slope = effect.size.slope(float(fit.theta_unit[index]))
         largest = (WIDTH_95 * size.std, '')  # a change within the interval is none
-        for signature, white in others:
+        for signature, moves, shown in others:
             if signature.effect.id in (*fit.candidate.ids, *cause.group):
                 continue
-            white = white - beside @ (beside.T @ white)
-            along = float(own @ white) / length
-            shown = math.sqrt(max(float(white @ white) - along**2, 1e-300))
             law = signature.effect
             reach = max(abs(law.size.low - law.neutral), abs(law.size.high - law.neutral))
             times = min(
-                max(length_needed(space, law) / shown,
+                max(length_needed(space, law) / max(shown, 1e-300),
                     space.settings.materiality / max(signature.visible, 1e-300)),
                 reach / max(abs(signature.size), 1e-300))
             if signature.amplitude_dependent and times > 1.0 / SMALLER:
                 continue  # It has another shape at such a size.
-            shift = abs(along) * times * slope / length
+            shift = abs(float(moves[index])) * times * slope
             largest = max(largest, (shift, wording.HIDDEN.format(
                 space.problem.titles[effect.id], space.title_at(law, signature.variant),
                 quantity(abs(signature.size) * times, law.size.unit, digits=2),
