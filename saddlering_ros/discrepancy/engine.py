@@ -494,5 +494,5 @@ def _left_in(space: ModelSpace, fit: Fit, after: results.Residual) -> str:
 
 def _weakest(shares: Mapping[str, results.Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
-    weak = [name for name, taken in shares.items() if taken.best < results.MIN_TAKEN]
+    weak = [name for name, taken in shares.items() if taken.best < taken.required]
     return min(weak, key=lambda name: shares[name].best, default=None)

@@ -396,6 +396,17 @@ def test_a_cause_that_one_run_alone_shows_is_not_said_to_explain_nothing(
     assert weak_words('a', shares, 0.85).startswith(words)
 
 
+@pytest.mark.parametrize(('fitted', 'predicted', 'is_enough'), [
+    ((0.98, 0.0), (0.64, 0.0), True), ((0.98, 0.0), (0.55, 0.0), False),
+    ((0.95, 0.0), (0.84, 0.0), False), ((0.86, 0.0), (0.86, 0.0), True),
+    ((0.98, 0.75), (0.55, 0.75), False)])  # another view is no part of what it takes nearly all of
+def test_a_law_that_takes_nearly_all_of_fitted_runs_may_take_less_of_predicted_ones(
+        fitted, predicted, is_enough) -> None:
+    shares = Shares(*(dict(zip('yz', each, strict=True)) for each in (fitted, predicted)),
+                    ('slow', 0.5), ('y', 0.5), ('y', 0.5), (0.2, 0.8))
+    assert (shares.best >= shares.required) == is_enough
+
+
 def three_bends(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
     """Three channels with a bend of their own each; the first has two names."""
     sizes = {name: parameters.get(f'{name}.size', 0.0) for name in ('p', 'twin', 'q', 'r')}

@@ -270,7 +270,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
         doubts.append(wording.REPLACED.format(space.problem.titles[main]))
     for name, shares in {'': together, **published.member_shares}.items():
         is_beside = name == main and any(alternatives.values())
-        required = MIN_TAKEN_BESIDE if is_beside else MIN_TAKEN
+        required = MIN_TAKEN_BESIDE if is_beside else shares.required
         if shares.best < required:
             title = (space.problem.titles[name] if name else
                      wording.joined(space.titles_of(fit)))
