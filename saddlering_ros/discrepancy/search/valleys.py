@@ -1,13 +1,14 @@
 """Effects tried alone from starts that the search of one effect after another does not reach.
 
-An effect can be silent about the base fit: a tank that is taken for half full does not overflow.
-Or a fit can end in a wrong valley: in a late part of a run the path that a wrong law leads to is
-far from the measured one, so that slopes there lead astray. The same path is close at the start
-of the run. So a fit to the start of each run is followed while the part that counts grows.
+An effect can change nothing about the base fit: a tank that is taken for half full does not
+overflow. A fit can also end in a wrong valley. Late in a run, the path of a wrong law is far from
+the measured one, and its slopes lead the fit astray. At the start of the run both paths are close.
+So a fit to the start of each run is followed while the part that counts grows.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,9 +39,9 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
 def fit_from_all_over(
     space: ModelSpace, effects: Sequence[tuple[Effect, int]]
 ) -> list[Fit]:
-    """The base and each effect alone, the best of several starts; the best first.
+    """Each effect alone, the best of several starts; the best effect first.
 
-    Those starts of base and effect receive a few rounds at which the effect has influence.
+    A start receives a few rounds if the effect has influence there.
     """
     if not effects:
         return []
@@ -94,23 +95,24 @@ class _Start:
     """A metric in which only a part of each run counts, from its start."""
 
     metric: Metric
-    counts: Array
+    part: float
 
     @property
     def problem(self) -> Problem:
         return self.metric.problem
 
+    @cached_property
+    def counts(self) -> Array:
+        """1 for each sample (n,) that counts, else 0."""
+        counts = np.zeros(self.problem.size)
+        for index, _, place in self.problem.slices:
+            time = self.problem.runs[index].time
+            counts[place] = time <= time[0] + self.part * (time[-1] - time[0])
+        return counts
+
     def whiten(self, columns: Array) -> Array:
         """Columns (n, B) or (n,) in units of the usual size, 0 where nothing counts."""
         return self.metric.whiten((columns.T * self.counts).T)
-
-
-def _start_of(metric: Metric, part: float) -> _Start:
-    problem, counts = metric.problem, np.zeros(metric.problem.size)
-    for index, _, place in problem.slices:
-        time = problem.runs[index].time
-        counts[place] = time <= time[0] + part * (time[-1] - time[0])
-    return _Start(metric, counts)
 
 
 def _apart(fits: Sequence[Fit]) -> list[Array]:
@@ -126,14 +128,14 @@ def _apart(fits: Sequence[Fit]) -> list[Array]:
 def fit_over_growing_time(
     space: ModelSpace, effects: Sequence[tuple[Effect, int]]
 ) -> list[Fit]:
-    """The declared start and each effect alone, fitted to a growing part of each run."""
+    """Each effect alone, fitted from the declared start to a growing part of each run."""
     start, single_fits = fitting.declared_start(space.problem.system.base_parameters), []
+    growing = [_Start(space.metric, part) for part in GROWING]
     for effect, variant in effects:
         space.watch.check()
         candidate = Candidate(((effect, variant),))
         places = [np.concatenate([start, guess]) for guess in effect.first_guesses]
-        for part in GROWING:
-            metric = _start_of(space.metric, part)
+        for metric in growing:
             fits = run_refits(metric, [
                 refit(metric, candidate, place, rounds=fitting.COARSE_BASE) for place in places])
             places = _apart(fits)
