@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
-from itertools import count
 import os
 from pathlib import Path
 import sys
@@ -101,10 +100,11 @@ class Recorder(StreamingNode):
 
     def keep_as_incomplete(self) -> Path:
         """Keep the recording under a free name beside its own; the path of it."""
-        own = self._bag.path
-        places = (own.with_name(f'{own.name}.incomplete' + f'.{number}' * (number > 1))
-                  for number in count(1))
-        self._bag.path = next(one for one in places if not one.exists())
+        own, number = self._bag.path, 1
+        self._bag.path = own.with_name(f'{own.name}.incomplete')
+        while self._bag.path.exists():
+            number += 1
+            self._bag.path = own.with_name(f'{own.name}.incomplete.{number}')
         return self._bag.path
 
     def counts(self) -> dict[str, int]:
