@@ -65,11 +65,15 @@ def unequal(evidence: float, beside_one: float) -> small_errors.Unequal:
     return small_errors.Unequal(evidence, beside_one, beside_one, np.ones(1))
 
 
-def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
-    runs = [record(number, sizes) for number in range(4)]
-    problem = problem_of(model(*listed), runs[:3], runs[3:])
+def diagnosed_by(model_: Model, runs: Sequence[Run]) -> Diagnosis:
+    """The diagnosis by laws that are not exact; the fourth run is held out."""
+    problem = problem_of(model_, runs[:3], runs[3:])
     rough = replace(problem.assumptions, exact_laws=False)
     return diagnose_system(replace(problem, assumptions=rough))
+
+
+def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
+    return diagnosed_by(model(*listed), [record(number, sizes) for number in range(4)])
 
 
 @pytest.fixture(scope='module')
@@ -134,10 +138,8 @@ def test_an_error_that_cannot_be_small_does_not_replace_a_cause_that_acts_alike(
     system_ = replace(system_, effects={**system_.effects, 'reversed': reversed_}, simulate=(
         lambda parameters, run: simulate({**parameters, 'cubic.size': parameters.get(
             'cubic.size', 0.0) + parameters.get('reversed.size', 0.0)}, run)))
-    runs = [record(number, {**SMALL, 'cubic': 0.08}) for number in range(4)]
-    problem = problem_of(system_, runs[:3], runs[3:])
-    answer = diagnose_system(replace(problem, assumptions=replace(
-        problem.assumptions, exact_laws=False)))
+    answer = diagnosed_by(
+        system_, [record(number, {**SMALL, 'cubic': 0.08}) for number in range(4)])
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['cubic'])
 
 
@@ -170,10 +172,8 @@ def test_a_cause_must_show_in_every_view_that_it_moves(
             f'{name}.size': times * size for name, size in SMALL.items()}}, run)
         runs.append(replace(run, outputs={
             name: value + 5e-4 * draw.normal(size=TIME.size) for name, value in views.items()}))
-    problem = problem_of(replace(one, simulate=two_views, effects=laws, channels={
-        'seen': Channel(), 'turn': Channel()}), runs[:3], runs[3:])
-    rough = replace(problem.assumptions, exact_laws=False)
-    answer = diagnose_system(replace(problem, assumptions=rough))
+    answer = diagnosed_by(replace(one, simulate=two_views, effects=laws, channels={
+        'seen': Channel(), 'turn': Channel()}), runs)
     assert (answer.verdict == 'named') == is_named
     assert is_named or any('mount in turn alone' in words for words in answer.warnings)
 
@@ -288,9 +288,23 @@ def among_of(
     errors: Any = SimpleNamespace(
         with_larger=lambda space, fit, small: unequal(evidence[id(fit)], 1e-4),
         falls_in_one_view=lambda space, model, name: {})
-    space: Any = SimpleNamespace(inputs=[
-        SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
+    space: Any = SimpleNamespace(
+        inputs=[SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs],
+        problem=SimpleNamespace(titles={name: name for name in best.visible}),
+        titles_of=lambda fit: [*fit.candidate.ids])
     return searching.Among(space, best, others, errors)
+
+
+def of_gamma(taken: float) -> results.Shares:
+    """What causes take, in every run, of the misfit in gamma."""
+    return results.Shares({'gamma': taken}, {}, ('slow', 0.5), ('gamma', taken),
+                          ('gamma', taken), (0.3, 0.5))
+
+
+def doubts_about(main: str, among: searching.Among, shares: results.Shares,
+                 causes: Sequence[Any] = (), **members: Any) -> list[str]:
+    published: Any = SimpleNamespace(member_shares=members, shares=shares, causes=causes)
+    return established.doubts_among(among, main, published)[0]
 
 
 def test_effects_that_cancel_each_other_are_no_best_model() -> None:
@@ -309,6 +323,15 @@ def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
     assert swapped.margin('every') == 29.0
 
 
+def of_wide_law(theta: Sequence[float], prediction: float) -> Any:
+    """A fit of `wide`, which contains `friction`."""
+    law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
+                 contains=('friction',))
+    candidate = Candidate(((law, 0),))
+    return SimpleNamespace(candidate=candidate, parts=[*candidate.slices(0)],
+                           theta_unit=np.array(theta), prediction=np.array([prediction]))
+
+
 @pytest.mark.parametrize(('own', 'moved', 'evidence', 'name'), [
     (0.501, 0.02, 45.0, 'friction'), (0.501, 0.02, 30.0, 'wide'), (0.6, 0.02, 45.0, 'wide'),
     (0.6, 1e-3, 45.0, 'friction'), (0.6, 1e-3, 40.0, 'wide')])
@@ -319,11 +342,7 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
 
     Friction in the radial row was named friction in the axial rows, which was a small error.
     """
-    law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
-                 contains=('friction',))
-    candidate = Candidate(((law, 0),))
-    fit: Any = SimpleNamespace(candidate=candidate, parts=[*candidate.slices(0)],
-                               theta_unit=np.array([own, 0.9]), prediction=np.zeros(1))
+    fit = of_wide_law([own, 0.9], 0.0)
     space: Any = SimpleNamespace(
         tangent_of=lambda fit: SimpleNamespace(white=100.0 * np.eye(2)),
         scale=SimpleNamespace(sizes=lambda change: np.array([moved])),
@@ -339,12 +358,7 @@ def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(
     at_neutral: float, group: set[str],
 ) -> None:
     """Friction in the radial row was named that of the axial rows, which a ring had as well."""
-    law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
-                 contains=('friction',))
-    candidate = Candidate(((law, 0),))
-    fit: Any = SimpleNamespace(candidate=candidate, parts=[*candidate.slices(0)],
-                               theta_unit=np.array([0.9, 0.9]), prediction=np.array([0.03]))
-    best = small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.03}, 1.0)
+    best = small_errors.Model(of_wide_law([0.9, 0.9], 0.03), 50.0, 1e-4, {'wide': 0.03}, 1.0)
     among: Any = among_of(best, [model_of(10.0, friction=0.02), model_of(0.0)])
     among.space.changes_of = lambda fit: np.array([[0.03]])
     among.space.scale = SimpleNamespace(sizes=np.abs)
@@ -466,13 +480,8 @@ def test_causes_that_explain_alike_are_one_group() -> None:
 
 def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
     """The sentence was that the other one explains the misfit nearly as well."""
-    among: Any = among_of(model_of(50.0, arm=0.02), [model_of(70.0, radius=0.02), model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
-    among.space.titles_of = lambda fit: [*fit.candidate.ids]
-    shares = results.Shares({'gamma': 0.9}, {}, ('slow', 0.5), ('gamma', 0.9), ('gamma', 0.9),
-                            (0.3, 0.5))
-    found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert established.doubts_among(among, 'arm', found)[0] == [
+    among = among_of(model_of(50.0, arm=0.02), [model_of(70.0, radius=0.02), model_of(0.0)])
+    assert doubts_about('arm', among, of_gamma(0.9)) == [
         'beside small errors, radius without arm explain the misfit better']
 
 
@@ -480,14 +489,11 @@ def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
 def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
         offset: float, is_refused: bool) -> None:
     """Friction, which a ring had, was named beside a load offset of 1.9 times its effect."""
-    among: Any = among_of(model_of(60.0, friction=0.02, offset=offset), [
+    among = among_of(model_of(60.0, friction=0.02, offset=offset), [
         model_of(30.0, friction=0.02), model_of(20.0, offset=offset), model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
-    shares = results.Shares({'gamma': 0.9}, {}, ('slow', 0.5), ('gamma', 0.9), ('gamma', 0.9),
-                            (0.3, 0.5))
-    found: Any = SimpleNamespace(member_shares={'friction': shares}, shares=shares, causes=[])
-    doubts = [wording.AS_LARGE] if is_refused else []
-    assert established.doubts_among(among, 'friction', found)[0] == doubts
+    shares = of_gamma(0.9)
+    assert doubts_about('friction', among, shares, friction=shares) == (
+        [wording.AS_LARGE] if is_refused else [])
 
 
 @pytest.mark.parametrize(('error', 'share', 'is_refused'), [
@@ -497,17 +503,11 @@ def test_no_cause_is_main_beside_a_small_error_of_half_its_power(
     """Friction, which a ring had, was named; a moment arm that an elevation error can replace had
     72 % of its power and was left to the small errors. A drift that took nothing hindered a play.
     """
-    among: Any = among_of(model_of(60.0, friction=0.02, elevation=error), [
+    among = among_of(model_of(60.0, friction=0.02, elevation=error), [
         model_of(55.0, friction=0.02), model_of(20.0, elevation=error), model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
-    shares = results.Shares({'gamma': 0.9}, {}, ('slow', 0.5), ('gamma', 0.9), ('gamma', 0.9),
-                            (0.3, 0.5))
-    found: Any = SimpleNamespace(
-        member_shares={'friction': shares, 'elevation': SimpleNamespace(
-            best=share, worst_fitted=('gamma', share))},
-        shares=shares, causes=[])
-    doubts = [wording.AS_LARGE] if is_refused else []
-    assert established.doubts_among(among, 'friction', found)[0] == doubts
+    shares = of_gamma(0.9)
+    doubts = doubts_about('friction', among, shares, friction=shares, elevation=of_gamma(share))
+    assert doubts == ([wording.AS_LARGE] if is_refused else [])
 
 
 @pytest.mark.parametrize(('visible', 'taken', 'elsewhere', 'is_refused'), [
@@ -519,12 +519,9 @@ def test_a_cause_that_takes_nearly_all_stands_out_with_half_the_size(
 
     One that a ring had was named at 28 times beside the gain of a probe, by delta_x alone.
     """
-    among: Any = among_of(model_of(60.0, friction=visible), [model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
-    shares = results.Shares({'gamma': taken}, {}, ('slow', 0.5), ('gamma', taken),
-                            ('tilt', elsewhere), (0.3, 0.5))
-    found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert bool(established.doubts_among(among, 'friction', found)[0]) == is_refused
+    among = among_of(model_of(60.0, friction=visible), [model_of(0.0)])
+    shares = replace(of_gamma(taken), worst_fitted=('tilt', elsewhere))
+    assert bool(doubts_about('friction', among, shares)) == is_refused
 
 
 def test_a_model_whose_effects_cancel_widens_no_interval() -> None:
@@ -538,15 +535,9 @@ def test_a_model_whose_effects_cancel_widens_no_interval() -> None:
 def test_a_group_takes_as_much_as_a_right_cause(taken: float, is_refused: bool) -> None:
     """An elevation error or a moment arm was established for a bent probe that was not listed."""
     best, alike = model_of(50.0, arm=0.02), model_of(45.0, radius=0.02)
-    among = among_of(best, [alike, model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
-    shares = results.Shares({'gamma': taken}, {}, ('slow', 0.5), ('gamma', taken),
-                            ('gamma', taken), (0.3, 0.5))
-    published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert bool(established.doubts_among(among, 'arm', published)[0]) == is_refused
-    alone = among_of(best, [model_of(0.0)])
-    alone.space.problem = SimpleNamespace(titles={'arm': 'arm'})
-    assert not established.doubts_among(alone, 'arm', published)[0]
+    among, alone = among_of(best, [alike, model_of(0.0)]), among_of(best, [model_of(0.0)])
+    assert bool(doubts_about('arm', among, of_gamma(taken))) == is_refused
+    assert not doubts_about('arm', alone, of_gamma(taken))
 
 
 def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -592,27 +583,20 @@ def test_no_cause_is_main_beside_one_that_moves_more_and_stands_out(
 @pytest.mark.parametrize(('worse', 'is_refused'), [(0.0001, False), (0.03, True)])
 def test_a_view_that_keeps_its_misfit_refuses_no_cause(worse: float, is_refused: bool) -> None:
     """Ovalisation, which moves the parity alone, left 0.01 % more in delta_y."""
-    among: Any = among_of(model_of(50.0, oval=0.02), [model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'oval': 'oval'})
-    among.space.titles_of = lambda fit: []
+    among = among_of(model_of(50.0, oval=0.02), [model_of(0.0)])
     shares = results.Shares({'delta_y': -worse, 'parity': 1.0}, {}, ('slow', 0.5), ('parity', 1.0),
                             ('parity', 1.0), (0.3, 0.5))
-    published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert bool(established.doubts_among(among, 'oval', published)[0]) == is_refused
+    assert bool(doubts_about('oval', among, shares)) == is_refused
 
 
 def test_no_main_cause_predicts_held_out_runs_worse() -> None:
     """Runs held out in turn can outweigh them in the interval."""
-    among: Any = among_of(model_of(50.0, arm=0.02), [model_of(0.0)])
-    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
-    shares = results.Shares({'gamma': 0.9}, {}, ('slow', 0.5), ('gamma', 0.9), ('gamma', 0.9),
-                            (0.3, 0.5))
+    among = among_of(model_of(50.0, arm=0.02), [model_of(0.0)])
 
     def doubts(held_out: float) -> list[str]:
         gain = Gain(0.5, held_out, 'held out', (held_out - 0.3, held_out + 0.3))
-        found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[
-            SimpleNamespace(effect='arm', gain=gain), SimpleNamespace(effect='other', gain=gain)])
-        return established.doubts_among(among, 'arm', found)[0]
+        return doubts_about('arm', among, of_gamma(0.9), [
+            SimpleNamespace(effect=name, gain=gain) for name in ('arm', 'other')])
 
     assert not doubts(0.1)
     [sentence] = doubts(-0.1)
