@@ -8,8 +8,6 @@
    log(threshold) over the information a block, shift^2 / 2.
 """
 
-from __future__ import annotations
-
 import math
 
 from frame import arguments, table

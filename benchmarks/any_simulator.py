@@ -9,8 +9,6 @@ intervals. Machines whose program is not installed are left out by name;
 benchmarks/machines-requirements.txt has the programs.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ prints the table of what is there. One run is held out of every trial. The statu
 promised rate is broken (benchmarks/examiner.py).
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

@@ -12,8 +12,6 @@ contact, rollers, friction and errors within the certificates are drawn for each
 later session has the gain. Rows are kept in --out, and a campaign goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

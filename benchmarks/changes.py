@@ -13,8 +13,6 @@ standard deviations, positive if a size is too large. --limits: also those of th
 alone, which take as long as the verdict.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

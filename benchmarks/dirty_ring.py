@@ -11,8 +11,6 @@ the seeds in turn; --without takes it out of the catalogue. The rows are those o
 The truth of a row is what has most of this power: the hidden cause, or a small error of the ring.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

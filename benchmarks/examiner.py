@@ -8,8 +8,6 @@ show that digest. The score of a verdict after the seal is opened stands here to
 tests share this rule.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 from collections.abc import Sequence

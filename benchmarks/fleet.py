@@ -7,8 +7,6 @@ their sisters, rings whose axial stiffness wears with service hours, rigs whose 
 and rings with a cause of the catalogue.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -1,7 +1,5 @@
 """What all benchmarks share: command line, tasks side by side, processes, tables, shares, rows."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ nrmse within 1.1 times the noise floor; what the true parameters reach stands be
 --scatter the rollers differ as made ones do.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import time
 

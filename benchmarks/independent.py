@@ -10,8 +10,6 @@ it. The kind removed is the single ones with their laws taken out of the catalog
 names and seeds; --table prints the table of FILE.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

@@ -3,8 +3,6 @@
 `fault_of` draws a fault that has a name in the catalogue; `OUTSIDE` holds laws that have none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import math

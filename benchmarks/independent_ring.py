@@ -7,8 +7,6 @@ its own, richer than that of the catalogue: friction is a sum of sliders, creep 
 relaxations, a worn arc is a cosine, saturation is soft. SI units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 import math

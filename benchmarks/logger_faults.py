@@ -8,8 +8,6 @@ delta_x, delta_y, gamma, K or D move by more than their stated 95 % interval and
 `identify` has a line that the sound records do not have.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 import math

@@ -7,8 +7,6 @@ of its own. Readers that decode must find the same checksum of stamps and readin
 memory includes pages of scratch files, which the system can take back; anonymous memory does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 import importlib
 from pathlib import Path

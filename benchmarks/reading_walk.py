@@ -9,8 +9,6 @@ caller. A stop is a stay in one file; a return is a stop in a file that was left
 that of an older checkout, whose entry and type other options name.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -13,8 +13,6 @@ true law taken out, 15 % nothing hidden. Numbers drawn with --kinds hidden and a
 removed are the same records, with and without the true law in the catalogue.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')

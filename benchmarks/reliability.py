@@ -1,7 +1,5 @@
 """Whether told probabilities are frequencies: reliability diagram, scores, calibration error."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Rigs of the benchmarks: drawn contact laws and tests, runs of the virtual rig, sound bags."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

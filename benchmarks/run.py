@@ -8,8 +8,6 @@ fails does not stop the next; the status reports a failure at the end. --list pr
 of each.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import subprocess

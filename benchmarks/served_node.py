@@ -1,7 +1,5 @@
 """A node of this process in a context of its own, served by a thread."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -6,8 +6,6 @@ Times are processor seconds of one thread. --stretch is the time [s] of a dynami
 of the slow peers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 import os

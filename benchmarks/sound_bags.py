@@ -7,8 +7,6 @@ sampling rates of load and probes, noise of both, and how unequal the rollers ar
 read as a bag's is, and every note on it is printed.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 

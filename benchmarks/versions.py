@@ -10,8 +10,6 @@ moves by less than a tenth of its standard deviation. The second table states wh
 verdict takes beside a name. Status 1 if anything differs.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

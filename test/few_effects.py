@@ -3,8 +3,6 @@
 A diagnosis costs about as much as the number of effects that it tries.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property

@@ -3,8 +3,6 @@
 Wall time depends on what else the machine does; processor time is the commit's own.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 import os

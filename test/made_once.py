@@ -1,7 +1,5 @@
 """What the tests of a run share on the disk, made once by whichever worker asks first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import fcntl
 import os

@@ -6,8 +6,6 @@ starts and ends with a tenth, and the gate starts about two hundred. A forked no
 interpreters that a user starts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 import contextlib
 import gc

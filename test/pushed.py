@@ -1,7 +1,5 @@
 """What a ring simulator gives for a record in batches of some sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

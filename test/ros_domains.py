@@ -1,7 +1,5 @@
 """ROS domains that tests lease, so that no two runs on one machine hear each other."""
 
-from __future__ import annotations
-
 import os
 import socket
 

@@ -1,7 +1,5 @@
 """A client of running nodes: hears what they say, calls their services, publishes by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import contextlib
 import subprocess

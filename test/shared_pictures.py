@@ -4,8 +4,6 @@ The pictures of a report take five seconds of processor time, and several tests 
 the same verdict.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import hashlib
 from pathlib import Path

@@ -4,8 +4,6 @@ A diagnosis takes ten seconds of processor time. Tests of commands, of the API a
 of an answer ask the same of the same bags; those of the engine ask for themselves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 import hashlib

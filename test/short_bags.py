@@ -1,7 +1,5 @@
 """Bags of a virtual rig, short but whole: the five shipped tests, each in a few seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

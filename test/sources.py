@@ -1,7 +1,5 @@
 """What source files import, read once for all tests of a process."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

@@ -1,8 +1,6 @@
 """The commands of a page of the documentation, typed once for all tests that look at the results.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The machines of examples/any_simulator, as the other machines are described."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

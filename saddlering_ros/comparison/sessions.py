@@ -7,8 +7,6 @@ A cause that has become smaller acts in the earlier session alone. What differs 
 sessions beside the causes decides whether a cause is established.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

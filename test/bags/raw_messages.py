@@ -1,7 +1,5 @@
 """Messages of the rig's topics as bytes, written field by field and not by the package."""
 
-from __future__ import annotations
-
 import struct
 
 from saddlering_ros.record import LOAD_TOPIC

@@ -1,7 +1,5 @@
 """A radial probe that the rig does not have costs the parity, and every result states it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What alignment on the load's stamps promises, for records and for streams."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """A topic of the rig is one entry of the registry; nothing else has to know of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

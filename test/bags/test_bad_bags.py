@@ -1,7 +1,5 @@
 """Every bag that cannot be used is refused in one line that says what, where and what to do."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 import zlib
 

@@ -1,7 +1,5 @@
 """A bag that ends too early gives what is readable of it, and says how much that is."""
 
-from __future__ import annotations
-
 import re
 
 from mcap.reader import make_reader

@@ -1,7 +1,5 @@
 """Whatever the bytes or the readings: a run, or one line; never a crash, a hang or much memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import io
 from pathlib import Path

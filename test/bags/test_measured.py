@@ -1,7 +1,5 @@
 """The displacement a run measured: known motion comes back, zeroed near the preload."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Commands give the rows of a bag that the live nodes give, degraded and refused ones alike."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 import json

@@ -1,7 +1,5 @@
 """Plateaus are found from the load alone, and their readings carry honest errors."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Bags of other recorders read the same as our own."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 import shutil
 import tracemalloc

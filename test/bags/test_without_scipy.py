@@ -1,7 +1,5 @@
 """Claims about what is computed without SciPy, so that `info` starts fast: equal to SciPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import median_filter

@@ -1,7 +1,5 @@
 """Bags we write are complete, small, sound, and readable by everybody."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 import shutil

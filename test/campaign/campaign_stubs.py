@@ -1,7 +1,5 @@
 """Bags without readings and judging functions that take no time, for tests around them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import json
 import os

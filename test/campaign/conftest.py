@@ -1,7 +1,5 @@
 """A folder of bags without readings: enough for everything but the verdict itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from campaign_stubs import write_bag

@@ -1,7 +1,5 @@
 """The same campaign on a real Dask scheduler with workers as processes, which are killed."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from importlib.util import find_spec
 import json

@@ -1,7 +1,5 @@
 """Tasks run in processes with limits; nothing is lost, and nothing done twice that was done."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 import json

@@ -1,7 +1,5 @@
 """Bags are found at any depth and grouped into sessions of one ring."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 import shutil

@@ -1,7 +1,5 @@
 """What `saddlering info`, `displacement` and `simulate` promise at the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Claims about outputs: none replaces what a command reads, by whatever name or link."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """Claims on terminals without Unicode: every command prints, and no number changes its meaning."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

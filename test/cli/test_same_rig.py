@@ -1,7 +1,5 @@
 """Claims about bags of another rig: asked about before anything is computed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import json
 import math

@@ -1,7 +1,5 @@
 """Sessions of one dirty virtual ring: the ring keeps its dirt, noise is new in every session."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import math
 

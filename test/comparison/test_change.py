@@ -1,7 +1,5 @@
 """Claims about the comparison of two sessions of one ring."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 import pickle

@@ -1,7 +1,5 @@
 """Claims about the evidence of a series of sessions, on drawn readings."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from saddlering_ros.comparison.series import CHANGED, evidence_of, SessionSums

@@ -1,7 +1,5 @@
 """Claims about compiled functions whose machine code is kept between processes."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io

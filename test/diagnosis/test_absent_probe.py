@@ -1,7 +1,5 @@
 """A diagnosis without one radial probe: three readings, no parity, and a note."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from few_effects import few_effects

@@ -5,8 +5,6 @@ marked campaign too, then benchmarks/blind.py: pairs, fresh draws by the hundred
 that they must keep.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 import subprocess

@@ -1,7 +1,5 @@
 """Claims about poor input: what the data allow is done, what they do not is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

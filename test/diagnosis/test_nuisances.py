@@ -1,7 +1,5 @@
 """Claims on what is allowed to be wrong with any sound rig: roller scatter, clearances, weight."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Claims on effects that act in several coordinates, in each by an amount of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from few_effects import few_effects

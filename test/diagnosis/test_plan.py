@@ -1,7 +1,5 @@
 """Claims about plans: what tests could find before they are made."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Claims on the ring as the engine sees it: where searches start, how sensitivities are taken."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

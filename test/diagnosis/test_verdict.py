@@ -3,8 +3,6 @@
 The command is the one of the tutorial, for a rig whose ring has dry friction, 70 deg held out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import json
 from pathlib import Path

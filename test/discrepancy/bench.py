@@ -1,7 +1,5 @@
 """A bench of one channel for tests: a load that rises and falls, and what is seen of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

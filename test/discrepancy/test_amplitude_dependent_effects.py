@@ -1,7 +1,5 @@
 """Claims on effects whose shape depends on their size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

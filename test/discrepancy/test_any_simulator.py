@@ -1,7 +1,5 @@
 """Claims on the public face, made of the examples: named, none, unknown, in any unit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 import importlib.util

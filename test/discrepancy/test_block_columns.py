@@ -1,7 +1,5 @@
 """Claims on columns kept as blocks: their products are those of whole columns, masks and all."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

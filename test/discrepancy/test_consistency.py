@@ -1,7 +1,5 @@
 """Claims on consistency: what is small in all may be plain from run to run or over a state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

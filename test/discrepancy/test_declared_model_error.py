@@ -1,7 +1,5 @@
 """Claims on a declared model error: too small is reported, right is none, too large hides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Claims on noise that is declared, measured or learnt, channel by channel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Claims on what makes a reader doubt a name: bounds, failures, bad declarations, repeats."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

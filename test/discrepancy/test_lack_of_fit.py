@@ -1,7 +1,5 @@
 """Claims on what is left: swift swings are seen, noise is not; sizes carry their law's spread."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Claims on the law that a diagnosis proposes once its verdict is unknown."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """Claims on forms of a law that compete with a second cause for what the law leaves."""
 
-from __future__ import annotations
-
 from bench import LOAD, recorded, STEP, System, TIME
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Claims on the sizes that data could have shown: found nine times in ten, wherever they act."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 from bench import LOAD, recorded, System

@@ -1,7 +1,5 @@
 """Claims on laws proposed for a misfit that nothing in the catalogue explains."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Claims of the engine on a machine that is no ring."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """A claim on effects that change nothing at the base fit: they are found where they act."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run

@@ -1,7 +1,5 @@
 """Claims on steady lines of a few hertz, seen in whole runs while the load moves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from bench import LOAD, recorded, STEP, System, TIME

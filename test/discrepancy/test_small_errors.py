@@ -1,7 +1,5 @@
 """Claims on one large cause among many small errors, on a machine whose laws are not exact."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Claims on steady lines in stretches at rest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

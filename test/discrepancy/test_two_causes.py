@@ -1,7 +1,5 @@
 """Claims on a second cause beside a first one whose form is not exact."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from types import MappingProxyType, SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Claims on a base fit that ends in a wrong valley: it is left, and no effect is named for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

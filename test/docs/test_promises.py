@@ -1,7 +1,5 @@
 """Claims on SECURITY.md: every promise names a test, and that test exists."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 

@@ -1,7 +1,5 @@
 """Claims on words: the code and the docs use the vocabulary of the field, and plain sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Claim: a new effect with a law of its own is its file and one line in the law functions."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import shutil

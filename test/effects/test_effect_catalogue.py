@@ -1,7 +1,5 @@
 """Claims about the catalogue of effects as a list: complete, readable, and refused in one line."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Claims about what each effect does to a simulated record: where it shows, and in what shape."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise

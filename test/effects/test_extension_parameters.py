@@ -1,7 +1,5 @@
 """Claims about the declarations of extension parameters: what they act on is what they change."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

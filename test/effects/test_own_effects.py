@@ -1,7 +1,5 @@
 """Claims on effects of the user's own folder: laws added to the load or to a reading."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Claims on whitening in O(N): the dense covariance is its oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular

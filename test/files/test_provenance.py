@@ -1,7 +1,5 @@
 """Results name the bytes and the versions they were made from."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

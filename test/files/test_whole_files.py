@@ -1,7 +1,5 @@
 """A crash, a full disk or a kill in the middle of writing leaves the old file or the new one."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

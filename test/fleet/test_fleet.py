@@ -1,7 +1,5 @@
 """Statistics over many sessions: false discoveries, unlike rings, drifts, rigs, remaining life."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import json
 import math

@@ -1,7 +1,5 @@
 """Test runs made by the simulator plus noise, small enough for tests, with a known truth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

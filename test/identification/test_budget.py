@@ -1,7 +1,5 @@
 """Claims about the budget of an identification with certificates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 import sys

@@ -1,7 +1,5 @@
 """A short record of a rig, and writers of it in every format that is imported."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

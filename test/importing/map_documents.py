@@ -1,7 +1,5 @@
 """Maps and tables as tests need them: one clock, a load, and one column for all probes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import json
 from pathlib import Path

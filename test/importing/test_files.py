@@ -1,7 +1,5 @@
 """Claims about files as loggers leave them: what is wrong is named, never passed on."""
 
-from __future__ import annotations
-
 from datetime import timezone
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Claims about maps: units are stated, a reading is its calibration in SI, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Claims about files that could be read wrongly without a sign: refused, or read rightly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import json
 from pathlib import Path

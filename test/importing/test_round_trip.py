@@ -1,7 +1,5 @@
 """Claims about formats: a bag written in any of them comes back equal to the last bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A recording that is ended as launch and systemd end it is whole, and its status is 0."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A recording is whole: what has come is in the bag, and the bag is closed before the network."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

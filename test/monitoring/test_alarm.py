@@ -1,7 +1,5 @@
 """The alarm: false alarms as rare as promised, changes found as soon as theory allows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 

@@ -1,7 +1,5 @@
 """Residuals and loads joined and watched: whatever the batches, the same alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Claims about the motion expected at a load and about the noise read at a zero."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

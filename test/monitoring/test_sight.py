@@ -1,7 +1,5 @@
 """Claims about the watch that sees nothing: it notices, names what is missing, and forgives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Nodes that end at once, each in a process of its own, forked from one that has imported them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import json
 import subprocess

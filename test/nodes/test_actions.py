@@ -1,7 +1,5 @@
 """Both action servers: refusal with a reason, one goal at a time, feedback, cancel, result."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

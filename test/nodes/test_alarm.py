@@ -1,7 +1,5 @@
 """The alarm in real processes: the same as offline, latched, reset, and a limit to act on."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 import json
 from pathlib import Path

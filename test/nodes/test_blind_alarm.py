@@ -1,7 +1,5 @@
 """The alarm that sees nothing: never within limits, and it names the stream that is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 import threading

@@ -1,8 +1,6 @@
 """Each fault of a driver is one finding that names the topic and the remedy; a sound one has none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 import subprocess

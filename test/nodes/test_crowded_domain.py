@@ -1,7 +1,5 @@
 """Claims about ROS programs that do not find each other on one machine: it is said."""
 
-from __future__ import annotations
-
 import pytest
 
 from saddlering_ros.ros.launcher import crowded_words, MAX_LOCAL, participants

@@ -1,7 +1,5 @@
 """A probe that does not read costs the channels that need it, and no other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

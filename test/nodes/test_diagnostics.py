@@ -1,7 +1,5 @@
 """What nodes report of their health counts for the period reported, and names its own things."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import time
 from types import SimpleNamespace

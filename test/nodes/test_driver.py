@@ -1,7 +1,5 @@
 """The nodes behind a driver instead of a replay: best effort, late, loss, jumps, zeroing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from geometry_msgs.msg import Vector3, Vector3Stamped

@@ -1,7 +1,5 @@
 """One elevation and one rig for all nodes: followed where they are known, else an error."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A replay ends when every sample of every topic came; anything else is an error."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

@@ -1,7 +1,5 @@
 """The examples of docs/from_another_node.md run as they stand, against running nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An impossible stamp or reading costs itself and no other sample."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

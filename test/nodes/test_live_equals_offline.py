@@ -1,7 +1,5 @@
 """Over real DDS, between real processes: what nodes publish is what the commands compute."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Batches of CDR bytes say what the message classes say."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Two nodes of one name warn of each other: their topics would be mixed without a word."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

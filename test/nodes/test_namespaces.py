@@ -1,7 +1,5 @@
 """Two rigs in one ROS domain, each under its namespace, do not hear each other."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 

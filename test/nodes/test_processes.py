@@ -1,7 +1,5 @@
 """Starting, stopping and surviving: statuses, one-line refusals, signals, kill -9, lifecycle."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

@@ -1,7 +1,5 @@
 """A rig is ready to test when every node is active and reports nothing but OK."""
 
-from __future__ import annotations
-
 import pytest
 
 from saddlering_ros.rig import default_rig

@@ -1,7 +1,5 @@
 """Replay by hand: play, pause, step, seek, rate; and what happens when a node falls out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 import shutil

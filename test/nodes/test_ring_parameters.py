@@ -1,7 +1,5 @@
 """What /ring/parameters says: the simulator's own in force, what others offer, and who follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

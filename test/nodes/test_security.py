@@ -1,7 +1,5 @@
 """Promises of SECURITY.md on nodes: roots, limits, plain data, discovery, no code from data."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable
 import math

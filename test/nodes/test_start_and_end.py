@@ -1,7 +1,5 @@
 """Nodes start from what a launch file hands them, and end well whenever they are told to stop."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The cores of the streaming nodes on disturbed streams: late, lost, out of order, jumping."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

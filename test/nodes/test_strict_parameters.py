@@ -1,7 +1,5 @@
 """Claims about how nodes are started: what nobody knows, or reads twice, ends the node."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 from importlib import util

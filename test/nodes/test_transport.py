@@ -1,7 +1,5 @@
 """What the middleware drops is sent again at once, and the user's own settings of it stand."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

@@ -1,7 +1,5 @@
 """A verdict's causes as typed messages hold what its JSON holds."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 import math
 

@@ -1,7 +1,5 @@
 """The frames of a rig stand where its file says and turn as its signs say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Claims about the certificates of a rig's instruments: their entries, and what they change."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

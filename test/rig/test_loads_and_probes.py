@@ -1,7 +1,5 @@
 """Claims about loads, probes and units: what is resolved, how signs run, that geometry inverts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hypothesis import given

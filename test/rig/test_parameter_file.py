@@ -1,7 +1,5 @@
 """Claims about parameter files: they come back as they were, whole or not at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hypothesis import given

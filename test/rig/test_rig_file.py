@@ -1,7 +1,5 @@
 """Claims about the rig file: what ships is the default, and every fault gets a line of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Claims about rig and parameter files: what is misspelt, doubled or no file is refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Claims about the rig wizard: a draft reads back, a drawing shows it, a check finds faults."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import json
 import math

@@ -1,7 +1,5 @@
 """Claims about the zero of a test: which stretch is averaged, live and offline alike."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -4,8 +4,6 @@ This model shares no sum, Jacobian or time stepping with the reference; only the
 roller is repeated. The model verifies the reference in place of ADAMS.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any

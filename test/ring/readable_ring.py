@@ -6,8 +6,6 @@ equations: docs/ring.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and 
 identification of a gun saddle ring", Defence Technology, 2020 (our own formulation of it).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Claims about damping that grows with penetration: law, tangent, lag, solver, levelling off."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

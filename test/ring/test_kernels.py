@@ -1,7 +1,5 @@
 """Claims about the compiled kernels: powers, layout, sources."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numba as nb

@@ -1,7 +1,5 @@
 """Claims about the sensitivity of the ring to small errors of its load."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Claims about the reference against a multibody program with one spring-damper per roller."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Claims about the readable reference: closed forms, energy, reaction, order, another solver."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

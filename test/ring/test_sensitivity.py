@@ -1,7 +1,5 @@
 """Claims about exact sensitivities: those of the readable reference, and of every effect."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import readable_ring as reference

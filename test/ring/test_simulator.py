@@ -1,7 +1,5 @@
 """Claims about the fast simulator: it agrees with the reference, and live equals offline."""
 
-from __future__ import annotations
-
 import numpy as np
 from pushed import pushed
 import pytest

@@ -1,7 +1,5 @@
 """The solver on random rigs, loads, contact laws: balanced, symmetric, monotone, never silent."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Claims about rows whose rollers do not all have the same clearance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Claims on the rule of the blind campaign: a sound program keeps it, a sabotaged one does not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import random
 

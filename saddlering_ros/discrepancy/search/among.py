@@ -4,8 +4,6 @@ A cause is an outlier of the common spread of all errors, and the logarithm of t
 marginalised over them, compares its model with those of other causes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
