@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy.law import families
+from saddlering_ros.discrepancy.verdict import wrong_law
 
 STEP, COUNT = 0.02, 300
 TIME = STEP * np.arange(COUNT)
@@ -52,3 +54,9 @@ def test_a_law_of_the_right_kind_that_is_too_narrow_is_not_established(
     words = 'Something acts over speed as Dry friction does, by a law of another shape'
     assert answer.headline.startswith(words) is (verdict == 'unknown')
     assert ('another_law' in answer.causes[0].entry()) is (verdict == 'unknown')
+
+
+def test_a_cause_that_changes_nothing_is_no_law_of_another_shape() -> None:
+    """A fitted size of 0 had a curve of length 0, by which the freed one was divided."""
+    states = {'speed': [np.sin(TIME), np.cos(TIME)]}
+    assert families.forced([np.zeros((1, COUNT))] * 2, states)[0] < wrong_law.MIN_REPEATED

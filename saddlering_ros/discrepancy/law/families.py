@@ -346,7 +346,7 @@ def forced(
             missed, whole = np.sum([
                 (np.sum((response @ curves[0] * sizes[0] - change) ** 2), np.sum(change**2))
                 for response, change in zip(responses, changes, strict=True)], axis=0)
-        repeated = 1.0 - float(missed / max(whole, 1e-300))
+        repeated = 1.0 - float(missed / whole) if whole > 0.0 else 0.0
         if repeated > best[0]:
             best = repeated, name, np.vstack(splines), sizes[0] * curves[0], responses
     return best
