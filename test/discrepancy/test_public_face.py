@@ -99,7 +99,9 @@ def test_the_engine_imports_no_ring() -> None:
      'channel y has readings up to 1e+300: give NaN where a sample is missing, or'),
     (lambda: diagnose(lines(straight), [
         replace(record(), outputs={'y': 1e-200 * np.arange(200)})]),
-     'channel y has readings up to 1.99e-198: give NaN where a sample is missing, or')])
+     'channel y has readings up to 1.99e-198: give NaN where a sample is missing, or'),
+    (lambda: diagnose(lines(straight), [record()], hold_out=[record(1, huge=-np.inf)]),
+     'run run 1: channel y is infinite in 1 of 200 samples, from time 0.140704 on: give NaN')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
     with pytest.raises(discrepancy.DiscrepancyError) as refused:

@@ -246,6 +246,12 @@ class ModelSystem:
         readings = readings / self.scales[:, None]
         present = np.isfinite(readings)
         for name, there in zip(self.channel_names, present, strict=True):
+            infinite = np.flatnonzero(np.isinf(run.outputs[name]))
+            if infinite.size:
+                raise DiscrepancyError(
+                    f'run {run.name}: channel {name} is infinite in {infinite.size} of '
+                    f'{run.time.size} samples, from time {run.time[infinite[0]]:.6g} on: give NaN '
+                    'where a sample is missing')
             if there.sum() < system.MIN_SAMPLES:
                 raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
                                        f'that are numbers; give at least {system.MIN_SAMPLES}')
@@ -315,7 +321,7 @@ class ModelSystem:
         """Where a result (C, N) is not finite, and which inputs of the run are not."""
         channel = int(np.argmin(near.all(axis=1)))
         lost = np.flatnonzero(~near[channel])
-        inputs = [f'; input {name} has values that are no finite numbers'
+        inputs = [f'; input {name} has values that are no finite numbers: fill them'
                   for name, values in run.inputs.items() if isinstance(values, np.ndarray)
                   and values.dtype.kind == 'f' and not np.isfinite(values).all()]
         return ''.join([
