@@ -288,7 +288,7 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     best, space, rounds = among.best, among.space, among.space.settings.max_rounds
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
     sources = [model.fit for model in among.likely]
-    otherwise = [*publishing.plain_fits(space.problem, sources[:1]),
+    otherwise = [*fitting.plain_fits(space.problem, sources[:1]),
                  among.beside_larger_errors(rounds)]
 
     def without(search: Search, names: Collection[str]) -> tuple[Search, Publication]:
@@ -358,7 +358,8 @@ def _beside_error(strict: Answer) -> Answer:
             if len(sizes) == 1:
                 break
             weak = min(sizes, key=lambda name: sizes[name])
-        most_dropped = max(most_dropped, sizes[weak])
+        most_dropped = max(most_dropped, *(
+            published.power_of(cause) for cause in published.causes if cause.effect == weak))
         search = selection.learnt_without(noise_alone, search, weak, dropped)
     return answers.get('ambiguous') or answers.get('unknown') or strict
 
@@ -408,7 +409,7 @@ def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
         if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue
         joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
-        metric = publishing.GainMetric(joint, publishing.GainMetric.about(problem, model).unit)
+        metric = fitting.GainMetric(joint, fitting.GainMetric.about(problem, model).unit)
         [fit] = fitting.run_refits(metric, [
             fitting.refit(metric, model.candidate, model.theta_unit)])
         for view, scale in problem.view_ranges.items():

@@ -385,6 +385,44 @@ def fit_base(metric: Whitening) -> Fit:
 
 
 @dataclass(frozen=True)
+class GainMetric:
+    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
+
+    problem: Problem
+    unit: float
+
+    @classmethod
+    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
+        """The metric in which the residual of a fit has a mean square of one."""
+        seen = problem.in_views(fit.prediction - problem.measured)
+        return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
+        return self.problem.in_views(columns) / self.unit
+
+
+def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """The same models, each fitted in the metric of the gain.
+
+    A base without effects is also fitted from its declared start, because whitened and plain
+    least squares can have different minima.
+    """
+    base, rounds = problem.system.base_parameters, problem.settings.max_rounds
+    answers = []
+    for fit in fits:
+        metric = GainMetric.about(problem, fit)
+        wanted = [refit(metric, fit.candidate, fit.theta_unit, rounds=rounds,
+                                known_start=begun_in(metric, fit))]
+        if not fit.candidate.effects:
+            start = declared_start(base)
+            wanted.append(refit(metric, fit.candidate, start, rounds=rounds))
+        refits = run_refits(metric, wanted)
+        answers.append(min(refits, key=lambda refitted: refitted.misfit))
+    return answers
+
+
+@dataclass(frozen=True)
 class Gain:
     """Gains as shares, 1 for no misfit; `held_out`: None if no run was held out.
 

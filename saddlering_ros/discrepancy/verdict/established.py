@@ -15,11 +15,11 @@ from saddlering_ros.discrepancy.search import evidence
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
-from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
+from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.small_errors import Model
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
-from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
+from saddlering_ros.discrepancy.verdict.published import Publication, sizes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import percent, quantity, span
@@ -241,7 +241,7 @@ def doubts_beside_error(
 ) -> tuple[list[str], float]:
     """Reasons why causes beside model error are not established, and what these take.
 
-    alone: the search without learnt model error; most_dropped: visible size of what is left out.
+    alone: the search without learnt model error; most_dropped: largest power of a cause left out.
     The share of the misfit's power that the causes take is 0 if their law is another one,
     whatever it takes.
     """
@@ -255,7 +255,7 @@ def doubts_beside_error(
               *narrow, *(wrong_law.unlike_channels(alone.space, published.plain)
                          or wrong_law.unlike_channels_unpatched(alone.space, search, published)),
               *uncertain_law(space, published), *uneven_rest(published.fits)]
-    if most_dropped**2 > MAINLY * main.visible**2:
+    if most_dropped > MAINLY * published.power_of(main):
         doubts.append(wording.AS_LARGE)
     return doubts, 0.0 if narrow else published.shares.best
 

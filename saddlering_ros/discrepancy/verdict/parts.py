@@ -15,10 +15,10 @@ from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, stepped_misfit, 
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import space as spaces
+from saddlering_ros.discrepancy.search.selection import MAINLY
 from saddlering_ros.discrepancy.search.signatures import length_needed, SMALLER
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.published import MAINLY
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance

@@ -19,21 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem import fits as fitting
-from saddlering_ros.discrepancy.problem.fits import Fit, Gain, Key, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit, Gain, GainMetric, Key, plain_fits, PRIOR
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison, stopped_base
-from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
+from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import quantity, WIDTH_95
-
-MAINLY = 0.5
-"""Share of the power of a view's misfit that a cause moves where it mainly acts, and share of the
-power of the main cause that no cause beside it exceeds: half."""
 
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
@@ -45,24 +41,6 @@ SIZE_ERROR = 0.05
 """Share of a size by which small errors of a ring bend it, and which no likelihood tells: a wave
 of 0.7 um round an axial raceway made a moment arm 10 % smaller in every metric. On rings 486 to
 530 of `benchmarks/dirty_ring.py` 29 of 38 intervals held the true size without this share."""
-
-
-@dataclass(frozen=True)
-class GainMetric:
-    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
-
-    problem: Problem
-    unit: float
-
-    @classmethod
-    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
-        """The metric in which the residual of a fit has a mean square of one."""
-        seen = problem.in_views(fit.prediction - problem.measured)
-        return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))
-
-    def whiten(self, columns: Array) -> Array:
-        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
-        return self.problem.in_views(columns) / self.unit
 
 
 @dataclass(frozen=True)
@@ -91,6 +69,11 @@ class Publication:
     def main(self) -> Cause:
         """The cause that moves most."""
         return max(self.causes, key=lambda cause: cause.visible)
+
+    def power_of(self, cause: Cause) -> float:
+        """What the misfit rises by without a cause, as a share of the mean square of the base."""
+        rise = max(1.0 - cause.gain.fit, 1e-12) ** -2 - 1.0
+        return (1.0 - self.gain.fit) ** 2 * rise
 
 
 @dataclass(frozen=True)
@@ -419,26 +402,6 @@ class _Powers:
         ratios = after[draw].mean(axis=1) / np.maximum(before[draw].mean(axis=1), 1e-300)
         low, high = np.quantile(1.0 - np.sqrt(ratios), [0.025, 0.975])
         return float(low), float(high)
-
-
-def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The same models, each fitted in the metric of the gain.
-
-    A base without effects is also fitted from its declared start, because whitened and plain
-    least squares can have different minima.
-    """
-    base, rounds = problem.system.base_parameters, problem.settings.max_rounds
-    answers = []
-    for fit in fits:
-        metric = GainMetric.about(problem, fit)
-        wanted = [fitting.refit(metric, fit.candidate, fit.theta_unit, rounds=rounds,
-                                known_start=fitting.begun_in(metric, fit))]
-        if not fit.candidate.effects:
-            start = fitting.declared_start(base)
-            wanted.append(fitting.refit(metric, fit.candidate, start, rounds=rounds))
-        refits = fitting.run_refits(metric, wanted)
-        answers.append(min(refits, key=lambda refitted: refitted.misfit))
-    return answers
 
 
 def ratio(before: float, after: float) -> float:

@@ -15,13 +15,13 @@ import numpy as np
 
 from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import OTHER_PIECES, ShapeFamily
-from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit, tangent
+from saddlering_ros.discrepancy.problem.fits import Fit, plain_fits, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.published import plain_fits, Publication
+from saddlering_ros.discrepancy.verdict.published import Publication
 from saddlering_ros.discrepancy.verdict.results import AnotherLaw
 from saddlering_ros.quantities import percent
 
