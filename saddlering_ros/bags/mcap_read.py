@@ -7,8 +7,6 @@ one. Checksums are verified if the writer stored them. The mcap package reads ev
 object, and takes a field that ends too early for a shorter one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -223,7 +221,7 @@ class McapFile:
             return block
         raise damage
 
-    def _walk(self, data: bytes, position: int, stop: int, messages: _Collector | None = None,
+    def _walk(self, data: bytes, position: int, stop: int, messages: '_Collector | None' = None,
               ) -> None:
         """Read the records from `position` to `stop`; IndexError for others than there may be."""
         others = 0

@@ -1,7 +1,5 @@
 """`saddlering generate`: a bag of the virtual rig, with any effect hidden in it."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 import math
@@ -106,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _plan(args: argparse.Namespace) -> TestPlan:
+def _plan(args: argparse.Namespace) -> 'TestPlan':
     from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig
     from saddlering_ros.virtual_rig import experiment
     from saddlering_ros.virtual_rig.effects import parse_requests
@@ -137,7 +135,7 @@ def _plan(args: argparse.Namespace) -> TestPlan:
         run_name=args.run_name)
 
 
-def _contact(args: argparse.Namespace) -> ContactParameters:
+def _contact(args: argparse.Namespace) -> 'ContactParameters':
     """The contact law of the rig: of a file, with the values of --set."""
     from saddlering_ros.rig import PARAMETER_NAMES, read_parameters, TRUE_TO_SCALE
 

@@ -1,7 +1,5 @@
 """`saddlering rig`: a rig file, its drawing, and its contradictions with bags."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 import sys
@@ -86,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def contradictions(
-    bag: Path | str, rig: Rig, test: str | None = None, elevation: float | None = None,
+    bag: Path | str, rig: 'Rig', test: str | None = None, elevation: float | None = None,
 ) -> tuple[list[str], list[float]]:
     """Contradictions between a bag and a rig, a line each, and other elevations [deg] that agree.
 

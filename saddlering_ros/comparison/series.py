@@ -10,8 +10,6 @@ collectif, 1939; Robbins, Ann. Math. Stat. 41 (1970) 1397; Ramdas and others, St
 576). The base session alone gives the contact law about which the shapes are computed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
@@ -56,7 +54,7 @@ class SessionSums:
     along: Array
 
     @classmethod
-    def of(cls, errors: Array, shapes: Array, residual: Array) -> SessionSums:
+    def of(cls, errors: Array, shapes: Array, residual: Array) -> 'SessionSums':
         """From whitened columns (n, m), (n, h) and (n,)."""
         return cls(errors.T @ errors, errors.T @ residual, errors.T @ shapes,
                    np.einsum('nh,nh->h', shapes, shapes), shapes.T @ residual)

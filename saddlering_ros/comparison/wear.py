@@ -1,7 +1,5 @@
 """Figures by which makers of slewing rings judge wear, and their limits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -51,7 +49,7 @@ class MakerFigures:
         return {'elevation_deg': math.degrees(self.elevation), 'low_N': self.low,
                 'high_N': self.high, **self.wear_since(None)}
 
-    def wear_since(self, base: MakerFigures | None) -> dict[str, float]:
+    def wear_since(self, base: 'MakerFigures | None') -> dict[str, float]:
         """The difference to a base measurement, or to none [mm], with its standard deviation [mm].
 
         The gain of the probes is the same in both, so that it counts for the difference alone.

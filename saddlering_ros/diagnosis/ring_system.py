@@ -1,7 +1,5 @@
 """The ring in the form of the engine: contact parameters, effects, roller scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -48,7 +46,7 @@ KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
 
 
-def by_tangents(system: RingSystem, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+def by_tangents(system: 'RingSystem', groups: Sequence[Sequence[Point]]) -> Neighbourhood:
     """The first point of each group simulated in any run, and its neighbours by exact tangents.
 
     A neighbour without a tangent is simulated, and so is a point without any that has one.

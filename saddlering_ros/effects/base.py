@@ -4,8 +4,6 @@ The `outcomes` of an effect hold the result of these tests, by their id, if that
 cause: a noun with its clause. A test without an entry has the outcome of most effects.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -88,7 +86,7 @@ class EffectParameter:
     whole: float | None = None
     adds_to: str | OwnParameter = ''
 
-    def sized_for(self, rig: Rig) -> EffectParameter:
+    def sized_for(self, rig: Rig) -> 'EffectParameter':
         """The same with bounds, typical size and start of a rig."""
         factor = size_factor(self.unit, rig)
         if factor == 1.0:

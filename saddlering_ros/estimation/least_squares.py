@@ -6,8 +6,6 @@ descent is a generator that yields points and receives answers. Many descents ca
 batches of simulations, and sensitivities can come from the cheapest source.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -265,7 +263,7 @@ class SearchSpace:
     def of(
         cls, bounds: Mapping[str, tuple[float, float]], free: Iterable[str],
         held: ContactParameters, logarithmic: Iterable[str] = (),
-    ) -> SearchSpace:
+    ) -> 'SearchSpace':
         """Space of the names in `free`, inside bounds (values); the others are held."""
         logarithmic = set(logarithmic)
         names = [name for name in PARAMETER_NAMES if name in set(free)]

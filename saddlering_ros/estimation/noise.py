@@ -6,8 +6,6 @@ has the sources of runs at rest: Allan variances, differences between holds, and
 probes. `record_noise` has those of a single record: stretches, repeats and residuals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -127,7 +125,7 @@ class RestSource:
     def beside(
         cls, segments: Sequence[RestSegment], parities: Sequence[RestSegment],
         still: Sequence[Array],
-    ) -> RestSource:
+    ) -> 'RestSource':
         """Stretches at rest and parities (1, N_i) of whole records, if these are noise alone.
 
         The parity of the radial probes is zero for a rigid ring with any contact. If it is noise

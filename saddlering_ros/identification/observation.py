@@ -4,8 +4,6 @@ Both are an `Observation`: loads, displacement increments since zero, and the co
 errors. All further code treats static and dynamic runs in the same way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -67,12 +65,12 @@ class Observation:
     longest_step: float | None = None  # [s] of the simulation; None leaves it to the fit
     _unmixings: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
-    def coarse(self, longest_step: float | None = None) -> Observation:
+    def coarse(self, longest_step: float | None = None) -> 'Observation':
         """The same run, simulated at its readings only (for a swarm), in steps [s]."""
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
                        longest_step=longest_step)
 
-    def with_load_less(self, errors: Array) -> Observation:
+    def with_load_less(self, errors: Array) -> 'Observation':
         """A dynamic run with its load corrected by errors (M + 3,) as in `shared_errors`.
 
         Their effect on the increments is subtracted: a linear model keeps its residuals.

@@ -1,7 +1,5 @@
 """A run with its displacement, its stretches at rest, and the noise of its probes there."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -72,7 +70,7 @@ class PreparedRun:
     time: Array  # [s]
     rounding: Array | None = None  # (3, N): errors of coarse converters that rest hides
 
-    def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
+    def explained_by(self, rig: Rig, contact: ContactParameters) -> 'PreparedRun':
         """The same, explained by a simulation with a contact law; NaN before its zero."""
         time = self.measured.time
         step = max(float(np.median(np.diff(time))), 1e-3)

@@ -1,7 +1,5 @@
 """The channels of measured files that share a clock, as runs of stamps and readings in SI."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import fnmatch
@@ -92,7 +90,7 @@ class Piece:
                              'time: in the map')
 
 
-def feeds_of(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
+def feeds_of(sources: Sequence[Source], mapping: ImportMap) -> list['Feed']:
     """Channels that are read together, by clock."""
     channels = {channel.name: channel for channel in mapping.channels}
     pieces: dict[object, Piece] = {}

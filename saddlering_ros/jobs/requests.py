@@ -3,8 +3,6 @@
 The API is imported by the worker alone; the nodes have no need of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
@@ -40,7 +38,7 @@ class IdentificationRequest:
     bags: tuple[str, ...]
     validation_bags: tuple[str, ...]
     rig: Rig
-    settings: IdentificationSettings
+    settings: 'IdentificationSettings'
 
     def run(self, on_progress: OnProgress) -> Answer:
         """Identify, and validate on the held-out bags (on all bags if there are none)."""

@@ -1,7 +1,5 @@
 """Commands of the page to the nodes, and the goals of both actions as a bystander sees them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import json
@@ -148,7 +146,7 @@ class Action:
                 self.job = ended
 
 
-def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
+def with_diagnosis(job: Job, document: 'VerdictDocument') -> Job:
     """The goal with its verdict: headline, next test, misfit reduction and certainty."""
     # The words need the catalogue; the page is served before it is loaded.
     from saddlering_ros.diagnosis import ring_wording

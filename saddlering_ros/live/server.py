@@ -8,8 +8,6 @@ A connection that has not sent its whole request head gets HEAD_SECONDS. While M
 wait, each new one replaces the oldest, so that half-open requests cannot keep a browser out.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack, suppress
@@ -248,8 +246,8 @@ class Door:
     head_seconds: float = HEAD_SECONDS
     max_waiting: int = MAX_WAITING
     max_served: int = MAX_SERVED
-    waiting: dict[Connection, None] = field(default_factory=dict)
-    served: set[Connection] = field(default_factory=set)
+    waiting: dict['Connection', None] = field(default_factory=dict)
+    served: set['Connection'] = field(default_factory=set)
 
 
 class Connection(RequestHandler):

@@ -6,8 +6,6 @@ older than the window is dropped. Memory and work per sample do not grow. The cu
 tests are kept as they were.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -51,7 +49,7 @@ class Cells:
     changed: Stamps
 
     @classmethod
-    def of(cls, number: Stamps, values: Floats, turn: int) -> Cells:
+    def of(cls, number: Stamps, values: Floats, turn: int) -> 'Cells':
         """A cell of that number for each of N samples (C, N), NaN where not known."""
         is_known = np.isfinite(values)
         return cls(number, is_known.astype(np.int64), np.where(is_known, values, 0.0),
@@ -61,7 +59,7 @@ class Cells:
     def __len__(self) -> int:
         return len(self.number)
 
-    def pick(self, rows: NDArray[Any]) -> Cells:
+    def pick(self, rows: NDArray[Any]) -> 'Cells':
         return Cells(self.number[rows], self.count[:, rows], self.total[:, rows],
                      self.low[:, rows], self.high[:, rows], self.changed[rows])
 

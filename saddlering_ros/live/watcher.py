@@ -1,7 +1,5 @@
 """Data of the page, received over ROS: streams, health, parameters and actions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import contextlib
 from dataclasses import asdict
@@ -144,7 +142,7 @@ class Watcher:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=names.LIVE_PAGE, daemon=True)
 
-    def __enter__(self) -> Watcher:
+    def __enter__(self) -> 'Watcher':
         self._thread.start()
         return self
 

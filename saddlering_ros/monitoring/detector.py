@@ -26,8 +26,6 @@ come, with assumptions on the probes that a rest of seconds cannot show. The rul
 of a record (`estimation.rest.Rest`), without a look ahead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
@@ -129,7 +127,7 @@ class BlockWatch:
     """Watches the means of C channels over blocks of `block` seconds."""
 
     def __init__(
-        self, noise: Sequence[BlockNoise], block: float, false_alarm_hours: float
+        self, noise: Sequence['BlockNoise'], block: float, false_alarm_hours: float
     ) -> None:
         self._channels = len(noise)
         self._innovations = Innovations(noise)
@@ -170,7 +168,7 @@ class BlockWatch:
 
 
 def wander_limit(
-    noise: BlockNoise, block: float, false_alarm_hours: float, channels: int
+    noise: 'BlockNoise', block: float, false_alarm_hours: float, channels: int
 ) -> float:
     """How far the wander of a channel goes once in WANDER_SHARE of the false alarms [its unit].
 

@@ -7,8 +7,6 @@ length of a plateau are free, but a plateau lasts several windows.
 Reading. The first `SETTLING_SHARE` of a hold is for settling; the reading is the mean of the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -79,7 +77,7 @@ class Plateaus:
         return len(self.load)
 
 
-def plateaus(run: Record) -> Plateaus:
+def plateaus(run: 'Record') -> Plateaus:
     """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
     holds = find_holds(run.time, run.load)
     if len(holds) < MIN_PLATEAUS:

@@ -14,8 +14,6 @@ m d2(dq) + D(t) d(dq) + K(t) dq = b dP, with the tangent stiffness K and damping
 in contact along the motion, by the difference formulas (BDF2) of the simulator.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -91,7 +89,7 @@ class MotionPath:
     readings: Floats  # (N, 4) [m]
     records: Floats  # (M, width): sums over the rollers, for tangents (kernels/courses.py)
 
-    def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> MotionPath:
+    def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> 'MotionPath':
         """The same motion as read by a model with other additions; NaN if steps failed.
 
         zero_load [N]; time (N,) [s], load (N,) [N]: of the samples.

@@ -5,8 +5,6 @@ imports are done, with status 0; and files in /dev/shm that killed nodes left ar
 The middleware looks for nodes on this machine, and sends by UDP.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass, field
@@ -149,7 +147,7 @@ class NodeGroup:
     namespace: str = ''
     processes: dict[str, NodeProcess] = field(default_factory=dict)
 
-    def __enter__(self) -> NodeGroup:
+    def __enter__(self) -> 'NodeGroup':
         self._held = contextlib.ExitStack()
         if self.domain_id is None:
             self.domain_id = self._held.enter_context(own_domain())

@@ -1,7 +1,5 @@
 """Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 import math
@@ -129,7 +127,7 @@ def _numbers(values: Mapping[str, float | None], *names: str) -> dict[str, float
     return {name: math.nan if value is None else float(value) for name, value in given.items()}
 
 
-def alarm_message(monitor: Monitor, words: str, frame_id: str) -> msg.RingAlarm:
+def alarm_message(monitor: 'Monitor', words: str, frame_id: str) -> msg.RingAlarm:
     """The message of ring/alarm for a monitor whose state is `words`."""
     message = msg.RingAlarm(
         state=monitor.state, message=words, log_threshold=monitor.log_threshold,
@@ -145,7 +143,7 @@ def alarm_message(monitor: Monitor, words: str, frame_id: str) -> msg.RingAlarm:
     return message
 
 
-def expected_message(expected: Expected, stamp: int, load: float, parameters: msg.RingParameters,
+def expected_message(expected: 'Expected', stamp: int, load: float, parameters: msg.RingParameters,
                      frame_id: str) -> msg.RingExpected:
     """The message of ring/expected at the stamp [ns] of a load [N]."""
     x, y, gamma = expected.motion.tolist()

@@ -3,8 +3,6 @@
 A loop waits for data, works a batch off, and serves everything else in between.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 import importlib
@@ -297,7 +295,7 @@ class DataWait:
                     or bool(services and ready.get_ready_entities('service')))
 
 
-def spin_streaming(node: StreamingNode) -> None:
+def spin_streaming(node: 'StreamingNode') -> None:
     """Run a node until it is finished or its context is shut down.
 
     Everything but the drained subscriptions (services, parameters, lifecycle) is served by an

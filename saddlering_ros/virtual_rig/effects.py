@@ -4,8 +4,6 @@ The forms are our own reading of the catalogue's words, made apart from saddleri
 that the diagnosis is never examined by the very formulas it uses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
@@ -31,7 +29,7 @@ class TrueSize:
     choices: tuple[float, ...] = ()  # the only values allowed
     positive: bool = False  # below or at zero makes no sense
 
-    def sized_for(self, rig: Rig) -> TrueSize:
+    def sized_for(self, rig: Rig) -> 'TrueSize':
         factor = size_factor(self.unit, rig)
         return replace(self, low=factor * self.low, high=factor * self.high,
                        typical=factor * self.typical)

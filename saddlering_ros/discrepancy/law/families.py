@@ -6,8 +6,6 @@ relaxations, and play operators. Its fit is regularised by leave-one-run-out and
 cause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -153,7 +151,7 @@ class Misfit:
         white = self.whiten(plain)
         return np.asarray(white - self.base @ (self.base.T @ white))
 
-    def columns_of(self, block: ShapeFamily) -> Iterator[tuple[str, Array]]:
+    def columns_of(self, block: 'ShapeFamily') -> Iterator[tuple[str, Array]]:
         """Each target with its columns (n, k) of a family.
 
         Those of a target that moves the channels in fixed proportions are a sum over channels.

@@ -10,8 +10,6 @@ exponential, dead zone. Shape parameters are searched on a grid over the observe
 results do not depend on units. The laws are compared by BIC, also with the curve of the family.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -366,7 +364,7 @@ class LawProposal:
             run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
             for term in self.terms))
 
-    def judged_by(self, fitted: Outcomes, held_out: Outcomes) -> LawProposal:
+    def judged_by(self, fitted: Outcomes, held_out: Outcomes) -> 'LawProposal':
         """The same law with the gains of these mean squares."""
         def gain(outcomes: Outcomes) -> float:
             before, after = np.mean(list(outcomes.values()), axis=0)

@@ -7,8 +7,6 @@ Columns of the base are stored and improved by Broyden's update, and columns of 
 differenced at every step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -42,10 +40,10 @@ class Candidate:
         own = [parameter for effect, _ in self.effects for parameter in effect.ordered]
         return (*base, *own)
 
-    def plus(self, effect: Effect, variant: int) -> Candidate:
+    def plus(self, effect: Effect, variant: int) -> 'Candidate':
         return Candidate((*self.effects, (effect, variant)))
 
-    def without(self, effect_id: str) -> Candidate:
+    def without(self, effect_id: str) -> 'Candidate':
         return Candidate(tuple(pair for pair in self.effects if pair[0].id != effect_id))
 
     def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
@@ -392,7 +390,7 @@ class GainMetric:
     unit: float
 
     @classmethod
-    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
+    def about(cls, problem: Problem, fit: Fit) -> 'GainMetric':
         """The metric in which the residual of a fit has a mean square of one."""
         seen = problem.in_views(fit.prediction - problem.measured)
         return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))

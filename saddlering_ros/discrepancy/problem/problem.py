@@ -3,8 +3,6 @@
 The order of a stacked vector is runs, then channels, then samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -103,7 +101,7 @@ class Problem:
         if not self.runs:
             raise DiscrepancyError('diagnose: every run is held out: leave at least one to fit')
 
-    def with_runs(self, runs: Sequence[RunBlocks]) -> Problem:
+    def with_runs(self, runs: Sequence[RunBlocks]) -> 'Problem':
         """The same problem with other runs."""
         return replace(self, all_runs=runs)
 
