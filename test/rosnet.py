@@ -24,8 +24,9 @@ from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
+from saddlering_ros.ros import raw_topics
 from saddlering_ros.ros.names import PROGRESS
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
@@ -84,6 +85,13 @@ class Client(ServedNode):
         self.figures[status.name] = {pair.key: pair.value for pair in status.values}
         if status.level[0]:
             self.warnings.append(f'{status.name}: {status.message}')
+
+    def listen(self, kind: Any, topic: str, qos: Any = raw_topics.LATCHED_BY_SEVERAL) -> list[Any]:
+        """All messages on a topic from now on; by default also those that it has latched."""
+        said: list[Any] = []
+        with self.lock:
+            self.node.create_subscription(kind, topic, said.append, qos)
+        return said
 
     def heard(self, topic: str) -> Displacements:
         """All displacements heard on `topic` so far."""
@@ -178,7 +186,7 @@ class Driver:
     """
 
     def __init__(self, one: Client, reliable: bool = True) -> None:
-        qos = stream_qos(reliable)
+        qos = raw_topics.stream_qos(reliable)
         self.heard = one
         self.load = RawPublisher(one.node, LOAD_TOPIC, WrenchStamped, qos)
         self.probes = [RawPublisher(one.node, topic, Range, qos) for topic in PROBE_TOPICS]

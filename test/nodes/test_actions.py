@@ -11,7 +11,6 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
@@ -38,7 +37,6 @@ def offline_displacement(record: Any, rows: slice) -> Displacements:
          zip(record.probe_stamps, record.gaps, strict=True)])
 
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Goals:
@@ -104,9 +102,7 @@ def stop_worker(node: NodeProcess) -> None:
 def test_identification_refuses_cancels_and_publishes_what_it_found(
         bag: Path, bag_root: Path, group: NodeGroup, heard: Client, tmp_path: Path) -> None:
     node = group.start('ring_identification', {'bag_root': str(bag_root)})
-    found: list[RingParameters] = []
-    with heard.lock:
-        heard.node.create_subscription(RingParameters, '/ring/parameters', found.append, LATCHED)
+    found = heard.listen(RingParameters, '/ring/parameters')
     goals = Goals(heard, IdentifyRing, '/identify_ring')
 
     # Fifty goals at once that cannot be used: every one is answered.

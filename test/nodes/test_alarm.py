@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import ACTIVATE, Client, client, DEACTIVATE, lead, set_parameter, wait_until
+from rosnet import ACTIVATE, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -22,7 +21,6 @@ from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import STATE_TOLD
 
 pytestmark = pytest.mark.ros
-LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture(name='slipped')
@@ -36,13 +34,6 @@ def slipped_fixture(record: Any, tmp_path: Path) -> Path:
                      [np.float64(np.float32(values)) for values in gaps], default_rig().probes)
 
 
-def listen(one: Client, kind: type, topic: str) -> list:
-    heard: list = []
-    with one.lock:
-        one.node.create_subscription(kind, topic, heard.append, LATCHED)
-    return heard
-
-
 def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_reset(
         slipped: Path, ros_domain: int, tmp_path: Path) -> None:
     parameters, offline = tmp_path / 'params.yaml', tmp_path / 'watch.json'
@@ -50,8 +41,8 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
     assert main(['watch', str(slipped), '--params', str(parameters), '--json', str(offline)]) == 0
     [expected] = json.loads(offline.read_text())['runs']
     with client(ros_domain) as one:
-        told = listen(one, RingAlarm, '/rig1/ring/alarm')
-        limits = listen(one, Bool, '/rig1/ring/within_limits')
+        told = one.listen(RingAlarm, '/rig1/ring/alarm')
+        limits = one.listen(Bool, '/rig1/ring/within_limits')
         with start_nodes(slipped, domain_id=ros_domain, log_folder=tmp_path / 'log',
                          nodes=(*RING_NODES, *ALARM_NODES), exit_at_end=False,
                          namespace='/rig1') as group:
@@ -78,7 +69,7 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
                        what='diagnostics tell it')
 
             with client(ros_domain) as joiner:  # latched: who comes later hears it
-                late = listen(joiner, RingAlarm, '/rig1/ring/alarm')
+                late = joiner.listen(RingAlarm, '/rig1/ring/alarm')
                 wait_until(lambda: bool(late), what='the latched alarm')
                 assert late[0].channel == 'delta_x'
 

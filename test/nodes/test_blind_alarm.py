@@ -4,12 +4,11 @@ from collections.abc import Iterator
 import contextlib
 import threading
 import time
-from typing import Any
 
 import numpy as np
 import pytest
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosnet import ACTIVATE, Client, client, DEACTIVATE, Driver, lead, wait_until
 from std_msgs.msg import Bool
@@ -19,7 +18,6 @@ from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
 
 pytestmark = pytest.mark.ros
-LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PERIOD = 0.005
 
 
@@ -55,21 +53,13 @@ def rig_fixture(heard: Client) -> Iterator[RestingRig]:
         yield one
 
 
-def listen(one: Client, kind: type, topic: str, qos: QoSProfile = LATCHED) -> list:
-    heard: list = []
-    with one.lock:
-        one.node.create_subscription(kind, topic, heard.append, qos)
-    return heard
-
-
 def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limits(
         group: NodeGroup, heard: Client, rig: RestingRig, ros_domain: int) -> None:
-    told: list[RingAlarm] = listen(heard, RingAlarm, 'ring/alarm')
-    limits: list[Bool] = listen(heard, Bool, 'ring/within_limits')
+    told: list[RingAlarm] = heard.listen(RingAlarm, 'ring/alarm')
+    limits: list[Bool] = heard.listen(Bool, 'ring/within_limits')
     demanding = QoSProfile(depth=5, deadline=Duration(seconds=0.2))
-    expected: list[RingExpected] = listen(heard, RingExpected, 'ring/expected',
-                                          QoSProfile(depth=5))
-    by_deadline = listen(heard, Bool, 'ring/within_limits', demanding)
+    expected: list[RingExpected] = heard.listen(RingExpected, 'ring/expected', 5)
+    by_deadline = heard.listen(Bool, 'ring/within_limits', demanding)
     for name in (*RING_NODES, *ALARM_NODES):
         group.start(name, {'elevation_deg': 50.0} if name == 'ring_simulator' else {})
 
@@ -123,6 +113,6 @@ def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limit
     lead(heard, 'ring_alarm', DEACTIVATE)
     wait_until(lambda: 'not active' in told[-1].message, what='it says that it is inactive')
     with client(ros_domain) as joiner:
-        late: list[Any] = listen(joiner, Bool, 'ring/within_limits')
+        late = joiner.listen(Bool, 'ring/within_limits')
         wait_until(lambda: bool(late), what='the latched limit')
         assert not late[-1].data

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import ACTIVATE, ANEW, Client, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
 
@@ -21,8 +20,6 @@ from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import LATCHED
 
-KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
 
 @pytest.mark.ros
 def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
@@ -30,9 +27,7 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
         ros_domain: int) -> None:
     steep = write_bag(bag_root / 'steeper', TestMetadata('dynamic', 70.0), record.stamps,
                       record.load, record.probe_stamps, record.gaps, default_rig().probes)
-    said: list[RingParameters] = []
-    with heard.lock:
-        heard.node.create_subscription(RingParameters, '/ring/parameters', said.append, KEPT)
+    said = heard.listen(RingParameters, '/ring/parameters')
     shipped = share_directory() / 'config' / 'rig.yaml'
     other = tmp_path / 'other.yaml'
     other.write_text(shipped.read_text().replace('axial_span: 1.30', 'axial_span: 1.20'))
@@ -76,11 +71,8 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
 
 def latched(domain: int) -> RingParameters:
     """What somebody who joins now hears of the parameters first, as by `ros2 topic echo`."""
-    said: list[RingParameters] = []
     with client(domain) as joiner:
-        with joiner.lock:
-            joiner.node.create_subscription(
-                RingParameters, '/ring/parameters', said.append, LATCHED)
+        said = joiner.listen(RingParameters, '/ring/parameters', LATCHED)
         wait_until(lambda: bool(said), what='the latched parameters')
     return said[0]
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from rosnet import ANEW, Client, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
@@ -24,14 +23,11 @@ from saddlering_ros.ros.names import CLOCK, NodeError, PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher
 
 pytestmark = pytest.mark.ros
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
         bag: Path, record, ros_domain: int, heard: Client, tmp_path: Path) -> None:
-    states: list[ReplayState] = []
-    with heard.lock:
-        heard.node.create_subscription(ReplayState, '/replay/state', states.append, LATCHED)
+    states = heard.listen(ReplayState, '/replay/state')
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'log', start_paused=True,
                      exit_at_end=False, nodes=('ring_displacement',),
                      parameters={'replay_clock': {'timeout': 1.0}}) as group:
