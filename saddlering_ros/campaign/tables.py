@@ -65,12 +65,10 @@ def results_of(
 
 def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
     """verdicts.parquet, parameters.parquet and detection_limits.parquet, each whole or not."""
-    for name, schema, rows_of in (
-        ('verdicts', VERDICTS, _verdict_rows), ('parameters', PARAMETERS, _parameter_rows),
-        ('detection_limits', LIMITS, _limit_rows),
-    ):
+    for name, schema in (
+            ('verdicts', VERDICTS), ('parameters', PARAMETERS), ('detection_limits', LIMITS)):
         rows = ({**_session(task), **row} for task, result in results_of(store, tasks)
-                for row in rows_of(task, result, result.get('verdict') or {}))
+                for row in _rows(task, result)[name])
         with whole_file(store.folder / f'{name}.parquet', CampaignError) as temporary, \
                 pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
             while group := list(islice(rows, GROUP)):
@@ -86,12 +84,11 @@ def _session(task: SessionTask) -> dict[str, Any]:
         'service_hours': task.service_hours}
 
 
-def _verdict_rows(
-    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """The one row of a session in verdicts.parquet; of a failed one without a verdict."""
+def _rows(task: SessionTask, result: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """The rows of a session by table; a failed one has a row without a verdict."""
+    document = result.get('verdict') or {}
     gain, change = document.get('gain') or {}, result.get('change') or {}
-    return [{
+    verdict = {
         'maintenance': task.maintenance, 'status': result['status'], 'kind': result.get('kind'),
         'reason': result.get('reason'), 'verdict': document.get('verdict'),
         'causes': [_cause(cause) for cause in document.get('causes', [])],
@@ -104,7 +101,17 @@ def _verdict_rows(
         'bag_sha256': [bag.sha256 for bag in task.bags],
         'rig_file': task.rig or None, 'rig_sha256': task.rig_sha256 or None,
         'code': (result.get('versions') or {}).get('code'), 'seed': result['seed'],
-        'seconds': result['seconds']}]
+        'seconds': result['seconds']}
+    after = (document.get('parameters') or {}).get('after') or {}
+    names = [name for name in after if not name.endswith('_std')]
+    # The covariance of a parameter is the row of the session's matrix.
+    covariance = result.get('covariance') or [[None] * len(names)] * len(names)
+    parameters = [{'parameter': name, 'value': after[name], 'std': after.get(f'{name}_std'),
+                   'covariance': list(covariance[row])} for row, name in enumerate(names)]
+    # An effect of the catalogue each: the size that this session could have shown.
+    limits = [{name: limit.get(name) for name in LIMITS.names[len(_SESSION):]}
+              for limit in document.get('detection_limits') or []]
+    return {'verdicts': [verdict], 'parameters': parameters, 'detection_limits': limits}
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,25 +123,6 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         'p_value': (cause.get('evidence') or cause).get('p_value'),
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
         'partial': bool(cause.get('partial', name is None))}
-
-
-def _parameter_rows(
-    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """A row a contact parameter; its covariance is the row of the session's matrix."""
-    after = (document.get('parameters') or {}).get('after') or {}
-    names = [name for name in after if not name.endswith('_std')]
-    covariance = result.get('covariance') or [[None] * len(names)] * len(names)
-    return [{'parameter': name, 'value': after[name], 'std': after.get(f'{name}_std'),
-             'covariance': list(covariance[row])} for row, name in enumerate(names)]
-
-
-def _limit_rows(
-    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """A row an effect of the catalogue: the size that this session could have shown."""
-    return [{name: limit.get(name) for name in LIMITS.names[len(_SESSION):]}
-            for limit in document.get('detection_limits') or []]
 
 
 def p_value_of(document: Mapping[str, Any]) -> float:

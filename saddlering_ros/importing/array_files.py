@@ -1,6 +1,5 @@
 """HDF5 files and MATLAB files: by h5py, and by SciPy up to MATLAB's version 7 (format 5)."""
 
-from collections.abc import Mapping
 import os
 from pathlib import Path
 import struct
@@ -63,7 +62,15 @@ class Hdf5Source(Source):
             values = dataset[which, rows] if is_wide else dataset[rows, which]
         if values.dtype.kind in 'SUO':
             return np.array([_text(value) for value in values], dtype=object)
-        return _unpacked(f'{self.path}: {name}', dataset.attrs, values)
+        # By the attributes of netCDF: NaN for missing values, then scaled and shifted.
+        where, given = f'{self.path}: {name}', dataset.attrs
+        missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
+        scale, offset = (_number(where, key, given.get(key, usual))
+                         for key, usual in (('scale_factor', 1.0), ('add_offset', 0.0)))
+        lost = np.isin(values, np.ravel(missing)) if missing else np.zeros(len(values), dtype=bool)
+        if lost.any() or (scale, offset) != (1.0, 0.0):
+            values = np.where(lost, np.nan, values) * scale + offset
+        return np.asarray(values)
 
     def _visit(self, name: str, dataset: Any) -> None:
         if not isinstance(dataset, h5py.Dataset) or name.startswith('#'):
@@ -96,17 +103,6 @@ class Hdf5Source(Source):
             tuple(map(str, self._values(name, slice(0, min(rows, 3))))),
             # /path with a leading slash, with dots as MATLAB writes it, and the last part
             others=(f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])),)
-
-
-def _unpacked(where: str, given: Mapping[str, Any], values: NDArray[Any]) -> NDArray[Any]:
-    """Values by the attributes of netCDF: NaN for missing ones, then scaled and shifted."""
-    missing = [given[key] for key in ('_FillValue', 'missing_value') if key in given]
-    scale, offset = (_number(where, key, given.get(key, usual))
-                     for key, usual in (('scale_factor', 1.0), ('add_offset', 0.0)))
-    lost = np.isin(values, np.ravel(missing)) if missing else np.zeros(len(values), dtype=bool)
-    if lost.any() or (scale, offset) != (1.0, 0.0):
-        values = np.where(lost, np.nan, values) * scale + offset
-    return np.asarray(values)
 
 
 def _number(where: str, key: str, value: Any) -> float:

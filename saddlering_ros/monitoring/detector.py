@@ -310,7 +310,13 @@ class RestLearner:
             ended = not self._rest.takes(self._load / count, count)
             if not ended:
                 self._load, self._begin = 0.0, stamp
-                leaves = self._leaves(np.array(self._rows[-count:]), np.asarray(allowed))
+                # Whether the residual is further from the first block than noise is.
+                rows = np.array(self._rows[-count:])
+                mean = rows.mean(axis=0)
+                if self._begun is None:
+                    self._begun = mean, MOVED_SIGMAS * rows.std(axis=0)
+                limit = np.asarray(allowed) + self._begun[1]
+                leaves = np.any(np.abs(mean - self._begun[0]) > limit)
                 self._left = self._left + BLOCK_SECONDS if leaves else 0.0
                 if self._left > MAX_ALONE:
                     self.restart(moved=True, alone=True)
@@ -324,13 +330,6 @@ class RestLearner:
         if noise is None:
             self.restart(moved=True)
         return noise
-
-    def _leaves(self, rows: Array, allowed: Array) -> bool:
-        """Whether a block of residuals (n, C) is further from the first one than noise is."""
-        mean = rows.mean(axis=0)
-        if self._begun is None:
-            self._begun = mean, MOVED_SIGMAS * rows.std(axis=0)
-        return bool(np.any(np.abs(mean - self._begun[0]) > allowed + self._begun[1]))
 
     def _read(self, *, ended: bool) -> RestNoise | None:
         """The noise of the samples at rest; None if they are too few."""

@@ -176,7 +176,17 @@ class ReplayClockNode(BagNode):
         self._waiting_for = absent = self._group.absent()
         if now - self._began < HEED:
             return  # so that every node has received the bag and its elevation
-        self._waiting_for = absent or self._absent_readers(now)
+        if not absent:
+            # Readers besides the participants that would miss the first messages. A clock that
+            # has just started finds a page that was there before within 0.03 s, or within 0.6 s.
+            # Until then it knows nothing of it, but the machine knows how many programs it has.
+            found = len(self.get_publishers_info_by_topic(OF_EVERY_PROGRAM, no_mangle=True))
+            hidden = launcher.participants(self.context.get_domain_id()) - found
+            pages = sum(one.node_name in (names.LIVE_PAGE, UNNAMED)
+                        for one in self.get_publishers_info_by_topic(self._heard.topic))
+            self._waiting_for = (
+                [f'other programs of its domain: {hidden} not found yet'] if hidden > 0 else []
+            ) + self._group.unmatched_readers(self.count_subscribers, pages, now)
         if not self._waiting_for:
             self._group.begin(self._start)
             self._enter(self._after_waiting, now)
@@ -188,19 +198,6 @@ class ReplayClockNode(BagNode):
             else:
                 self.get_logger().warning(f'starts without {words}')
                 self._enter(self._after_waiting, now)
-
-    def _absent_readers(self, now: float) -> list[str]:
-        """Readers besides the participants that would miss the first messages, in words.
-
-        A clock that has just started finds a page that was there before within 0.03 s, or within
-        0.6 s. Until then it knows nothing of it, but the machine knows how many programs it has.
-        """
-        found = len(self.get_publishers_info_by_topic(OF_EVERY_PROGRAM, no_mangle=True))
-        hidden = launcher.participants(self.context.get_domain_id()) - found
-        pages = sum(one.node_name in (names.LIVE_PAGE, UNNAMED)
-                    for one in self.get_publishers_info_by_topic(self._heard.topic))
-        return ([f'other programs of its domain: {hidden} not found yet'] if hidden > 0 else []
-                ) + self._group.unmatched_readers(self.count_subscribers, pages, now)
 
     def _play_in_step(self, now: float) -> None:
         group = self._group

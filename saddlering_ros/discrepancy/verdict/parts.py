@@ -193,23 +193,21 @@ def odd_run(fits: Sequence[Fit], problem: Problem) -> str:
 
     fits: the base, and a model whose causes can explain why a run differs.
     """
-    names = {_odd_run(fit, problem) for fit in fits}
+    names = set()
+    for fit in fits:
+        blocks = [block.reshape(-1, fit.theta_unit.size + 1) for block in problem.by_run(
+            np.column_stack([fit.jacobian, fit.whitened]))]
+        products = np.array([block.T @ block for block in blocks])
+        # Products and numbers of samples of all runs, and without each of them.
+        sums = [products.sum(axis=0), *(products.sum(axis=0) - products)]
+        counts = np.array([np.count_nonzero(block[:, -1]) for block in blocks])
+        whole, *left = [stepped_misfit(total) - count for total, count in zip(
+            sums, [counts.sum(), *(counts.sum() - counts)], strict=True)]
+        places = np.argsort(left)
+        is_odd = len(left) > 2 and whole > WIDTH_95 * math.sqrt(2.0 * counts.sum()) and (
+            left[places[0]] < ODD * whole and left[places[1]] > OTHER * whole)
+        names.add(problem.runs[places[0]].name if is_odd else '')
     return names.pop() if len(names) == 1 else ''
-
-
-def _odd_run(fit: Fit, problem: Problem) -> str:
-    blocks = [block.reshape(-1, fit.theta_unit.size + 1) for block in problem.by_run(
-        np.column_stack([fit.jacobian, fit.whitened]))]
-    products = np.array([block.T @ block for block in blocks])
-    # Products and numbers of samples of all runs, and without each of them.
-    sums = [products.sum(axis=0), *(products.sum(axis=0) - products)]
-    counts = np.array([np.count_nonzero(block[:, -1]) for block in blocks])
-    whole, *left = [stepped_misfit(total) - count for total, count in zip(
-        sums, [counts.sum(), *(counts.sum() - counts)], strict=True)]
-    places = np.argsort(left)
-    is_odd = len(left) > 2 and whole > WIDTH_95 * math.sqrt(2.0 * counts.sum()) and (
-        left[places[0]] < ODD * whole and left[places[1]] > OTHER * whole)
-    return problem.runs[places[0]].name if is_odd else ''
 
 
 def hidden_causes(space: ModelSpace, fits: PublishedFits, causes: Sequence[Cause]) -> list[str]:
