@@ -8,8 +8,6 @@ rosbags forms every text of YAML by pure Python, several times a bag, which took
 short bag.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass
@@ -131,7 +129,7 @@ class BagWriter:
         self._failed, self._kept = False, ''
         self._stack = ExitStack()
 
-    def __enter__(self) -> BagWriter:
+    def __enter__(self) -> 'BagWriter':
         if self.path.exists() and not self._overwrite:
             raise BagError(f'{self.path}: exists already: choose another name, or give '
                            'overwrite=True')
@@ -160,7 +158,7 @@ class BagWriter:
                     'topic_type_hash': topic['type_description_hash']})
         return self
 
-    def write(self, blocks: Sequence[MessageBlock]) -> None:
+    def write(self, blocks: Sequence['MessageBlock']) -> None:
         """Add messages of some topics, in order of their log times, chunk by chunk."""
         with self._or_refused():
             self._file.add_blocks([block for block in blocks if len(block)])
@@ -219,7 +217,7 @@ class BagWriter:
 def messages_of(
     topic: RigTopic, stamps: ArrayLike, values: ArrayLike, span: Sequence[float] = (),
     log_delay: int = 0,
-) -> MessageBlock:
+) -> 'MessageBlock':
     """Messages of `topic`, logged `log_delay` [ns] after the stamps; span: ends of the range."""
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)

@@ -1,7 +1,5 @@
 """`saddlering import`: conversion of measured files of a data logger to a bag."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path
@@ -113,7 +111,7 @@ def _import(args: argparse.Namespace) -> int:
     return 0
 
 
-def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[str]:
+def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> list[str]:
     """Findings of `info` on the bags, and of `rig --check` where a rig file is given."""
     from saddlering_ros.bags import bag_info
     from saddlering_ros.cli.rig import contradictions
@@ -136,7 +134,7 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
     return lines
 
 
-def _reading(name: str, value: float, rig: Rig) -> str:
+def _reading(name: str, value: float, rig: 'Rig') -> str:
     if name.startswith('eddy'):
         return f'{value * 1e3:.4f} mm'
     if name == 'elevation':

@@ -1,7 +1,5 @@
 """`saddlering info`: show the content of a bag and its faults."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
@@ -66,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     return 2
 
 
-def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
+def _print_info(bag: str, info: 'BagInfo', rig: 'Rig') -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -108,7 +106,7 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
     console.print()
 
 
-def _topic_row(topic: TopicInfo, rig: Rig) -> tuple[str, ...]:
+def _topic_row(topic: 'TopicInfo', rig: 'Rig') -> tuple[str, ...]:
     name = printable(topic.topic), printable(topic.type)
     if math.isnan(topic.rate):
         return (*name, str(topic.count), *[''] * 6)

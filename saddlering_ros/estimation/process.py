@@ -5,8 +5,6 @@ block means (D. T. Gillespie, Phys. Rev. E 54 (1996) 2084). A non-negative mixtu
 therefore describes noise at any spacing of samples.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,21 +89,21 @@ class ChannelNoise:
         """Covariance of two readings `separation` seconds apart [unit^2]."""
         return float(sum(variance * np.exp(-separation / tau) for variance, tau in self.parts()))
 
-    def times(self, factor: float) -> ChannelNoise:
+    def times(self, factor: float) -> 'ChannelNoise':
         """The same noise with `factor` times its variance."""
         return replace(self, white=factor * self.white, slow=factor * self.slow,
                        held=factor * self.held, floor=factor * self.floor)
 
-    def of_samples(self, step: float) -> ChannelNoise:
+    def of_samples(self, step: float) -> 'ChannelNoise':
         """The same noise of samples every `step` [s], which are no means of their width."""
         return replace(self, white=0.0, floor=self.floor + self.white / step)
 
-    def with_relaxations(self, variances: Array, time_constants: Array) -> ChannelNoise:
+    def with_relaxations(self, variances: Array, time_constants: Array) -> 'ChannelNoise':
         """The same noise plus relaxations of `variances` (T,) with `time_constants` (T,) [s]."""
         return replace(self, slow=np.append(self.slow, variances),
                        time_constants=np.append(self.time_constants, time_constants))
 
-    def at_least(self, deviation: float, width: float) -> ChannelNoise:
+    def at_least(self, deviation: float, width: float) -> 'ChannelNoise':
         """The same noise with a scatter of `deviation` or more of means over `width` seconds."""
         least = deviation**2 * width
         return self if self.white >= least else replace(self, white=least)

@@ -8,8 +8,6 @@ from the cosine transform of the whitened samples in N log N operations. Whitene
 waves, because the noise changes little over an octave.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -221,19 +219,19 @@ class SharedErrors:
     mixture: Array
 
     @classmethod
-    def none(cls, size: int) -> SharedErrors:
+    def none(cls, size: int) -> 'SharedErrors':
         """No shared error of residuals (size,)."""
         return cls(np.zeros((size, 0)), np.zeros(0), np.zeros((0, 0)))
 
     @classmethod
-    def of(cls, answers: Array) -> SharedErrors:
+    def of(cls, answers: Array) -> 'SharedErrors':
         """Shared errors of residuals with the responses (n, M) to M errors of any size."""
         left, strength, right = np.linalg.svd(answers, full_matrices=False)
         kept = strength > MIN_STRENGTH
         return cls(np.ascontiguousarray(left[:, kept]), strength[kept], right[kept].T)
 
     @classmethod
-    def of_many(cls, answers: Array) -> SharedErrors:
+    def of_many(cls, answers: Array) -> 'SharedErrors':
         """The same for hundreds of errors, none of which is thousands of times the noise."""
         variance, mixture = np.linalg.eigh(answers.T @ answers)
         kept = variance > MIN_STRENGTH_OF_MANY**2

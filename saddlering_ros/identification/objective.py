@@ -1,7 +1,5 @@
 """Distance of simulated from measured runs: weighted least squares, and the published J."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -138,7 +136,7 @@ class WeightedObjective:
     channels: tuple[int, ...]
     evaluations: int = 0
     shared: list[SharedErrors] = field(default_factory=list, repr=False)
-    _lowest: LinearisedFit | None = field(default=None, init=False, repr=False)
+    _lowest: 'LinearisedFit | None' = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         # From another objective of the same runs with another load.
@@ -151,7 +149,7 @@ class WeightedObjective:
         white = self.whiten(self._left(contacts))
         return _numbers(np.concatenate(white, axis=1), contacts)
 
-    def linearised(self, contact: Array) -> LinearisedFit:
+    def linearised(self, contact: Array) -> 'LinearisedFit':
         """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
         self.evaluations += 1
         motions = in_parallel(partial(_follow, self.rig, contact), self.observations)
@@ -182,7 +180,7 @@ class WeightedObjective:
             return [one.increments[None] for one in lowest.followed]
         return [predict(self.rig, contacts, one) for one in self.observations]
 
-    def with_likely_loads(self, contact: Array) -> WeightedObjective:
+    def with_likely_loads(self, contact: Array) -> 'WeightedObjective':
         """The same with the load of dynamic runs corrected by their displacements.
 
         With little damping the model responds to the load cell's noise by ringing, and the ring
@@ -194,7 +192,7 @@ class WeightedObjective:
             for one, shared, residual in zip(self.observations, self.shared, white, strict=True)]
         return replace(self, observations=corrected)
 
-    def with_settled_plateaus(self, contact: Array) -> WeightedObjective:
+    def with_settled_plateaus(self, contact: Array) -> 'WeightedObjective':
         """The same with equilibria in place of static runs that come to rest at each load.
 
         The small difference between the moving ring and equilibria is that at the law `contact`

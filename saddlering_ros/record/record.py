@@ -1,7 +1,5 @@
 """The record of one test: as recorded, aligned on the stamps of the load, and as averages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
@@ -46,7 +44,7 @@ class RawRecord:
 
     path: Path
     topics: dict[str, RawTopic]
-    facts: TestMetadata
+    facts: 'TestMetadata'
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, topic: str) -> RawTopic:
@@ -107,7 +105,7 @@ class Record:
     load_marks: Bits | None = None  # (N,): the same by refused or doubtful loads
     absent: int = 0  # radial probe that the rig lacks; its gaps mirror the other; 0: it has all
 
-    def without_spikes(self) -> Record:
+    def without_spikes(self) -> 'Record':
         """The same with sound readings only: NaN in the gaps, a straight line in the load.
 
         Spikes, values interpolated across a refused reading, and values beside a doubtful
@@ -299,7 +297,7 @@ class TestMetadata:
             if value is None and f'{key} is' not in said]
         return (*self.conflicts, *self.faults, *missing)
 
-    def overruled(self, test: str | None, elevation_deg: float | None) -> TestMetadata:
+    def overruled(self, test: str | None, elevation_deg: float | None) -> 'TestMetadata':
         """The same with values of options in place of those of the bag."""
         given: dict[str, Any] = {}
         if test is not None:

@@ -1,7 +1,5 @@
 """The drawing of a rig in the plane of the load, and the draft of a commented rig file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 import io
 import math
@@ -96,24 +94,24 @@ def _save(rig: Rig, elevation_deg: float, place: Path | TextIO, kind: str) -> No
                        metadata={'Date': None} if kind == 'svg' else None)
 
 
-def _box(axes: Axes, corner: Floats, opposite: Floats, colour: str, hatch: str = '') -> None:
+def _box(axes: 'Axes', corner: Floats, opposite: Floats, colour: str, hatch: str = '') -> None:
     xs, ys = zip(corner, opposite, strict=True)
     axes.fill([xs[0], xs[1], xs[1], xs[0]], [ys[0], ys[0], ys[1], ys[1]], facecolor=colour,
               hatch=hatch, edgecolor='#666666', linewidth=0.8)
 
 
-def _arrow(axes: Axes, start: Floats, stop: Floats, colour: str, width: float = 1.6,
+def _arrow(axes: 'Axes', start: Floats, stop: Floats, colour: str, width: float = 1.6,
            **style: Any) -> None:
     axes.annotate('', (stop[0], stop[1]), (start[0], start[1]), arrowprops={
         'arrowstyle': '-|>', 'color': colour, 'linewidth': width, 'shrinkA': 0, 'shrinkB': 0,
         'mutation_scale': 13, **style})
 
 
-def _text(axes: Axes, x: float, y: float, text: str, colour: str = SIGN, **style: Any) -> None:
+def _text(axes: 'Axes', x: float, y: float, text: str, colour: str = SIGN, **style: Any) -> None:
     axes.text(x, y, text, color=colour, va='center', **{'ha': 'center', 'fontsize': 8.5, **style})
 
 
-def _draw_ring(axes: Axes, rig: Rig, degrees: float, reach: float) -> None:
+def _draw_ring(axes: 'Axes', rig: Rig, degrees: float, reach: float) -> None:
     """The fixed ring below, the upper ring, the rows of rollers, the load, and the dimensions."""
     _box(axes, (-reach - 0.35, -0.98), (reach + 0.35, -0.82), FIXED, '///')
     _box(axes, (-reach, 0.34), (reach, 0.5), STEEL)

@@ -10,8 +10,6 @@ therefore be larger than the common spread, at a price each (automatic relevance
 but for the cause in question.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -151,7 +149,7 @@ class SmallErrors:
                     self._project(space, fit, *confined), small).evidence
                 for view, *confined in space.confined(fit, name, model.spread)}
 
-    def _with_larger(self, seen: _Projected, small: Collection[str]) -> Unequal:
+    def _with_larger(self, seen: '_Projected', small: Collection[str]) -> Unequal:
         along = seen.along[self._leading]
         outside = seen.whole - along.T @ along
         common = np.diag(self._powers[self._leading])
@@ -179,7 +177,7 @@ class SmallErrors:
         return found
 
     def _larger(
-        self, seen: _Projected, outside: Array, spread: float, powers: Array, factors: Array,
+        self, seen: '_Projected', outside: Array, spread: float, powers: Array, factors: Array,
         small: Collection[str],
     ) -> tuple[float, int, float]:
         """Gain of the evidence, kind and factor of the errors that are best made larger."""
@@ -206,13 +204,13 @@ class SmallErrors:
                                   number, factor))
         return max(tried)
 
-    def _projected(self, space: ModelSpace, fit: Fit) -> _Projected:
+    def _projected(self, space: ModelSpace, fit: Fit) -> '_Projected':
         return space.once('seen among errors', fit, lambda: self._project(
             space, fit, space.tangent_of(fit).plain, fit.prediction))
 
     def _project(
         self, space: ModelSpace, fit: Fit, tangent: Array, prediction: Array
-    ) -> _Projected:
+    ) -> '_Projected':
         """Sensitivities `tangent` (n, k) and `prediction` (n,) of a fit in the metric."""
         problem = space.problem
         forms = _other_forms(space, fit)
