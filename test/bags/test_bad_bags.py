@@ -13,7 +13,7 @@ from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
 from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import TONNE
 
@@ -258,18 +258,6 @@ def test_a_bag_in_another_storage(tmp_path, recording):
     assert 'ros2 bag convert' in refusal(bag)
 
 
-def run_or_line(path) -> Record | str:
-    """The run in a bag, or the line that refuses it; `info` must manage either way."""
-    try:
-        run = read_run(path)
-    except BagError as problem:
-        line = str(problem)
-        assert '\n' not in line
-        assert not bag_info(path).usable
-        return line
-    return run
-
-
 PLACES = 25
 """Damaged places of each kind of file."""
 
@@ -295,12 +283,16 @@ def test_damage_anywhere_is_refused_or_harmless(
             damaged[place:place] = bytes(random.integers(0, 256, 5, dtype=np.uint8))
         bag = tmp_path / 'damaged.mcap'
         bag.write_bytes(damaged)
-        run = run_or_line(bag)
-        if isinstance(run, str):
+        try:
+            run = read_run(bag)
+        except BagError as problem:
+            line = str(problem)
+            assert '\n' not in line
+            assert not bag_info(bag).usable
             refused += 1
-        else:
-            np.testing.assert_array_equal(run.load, sound.load)
-            np.testing.assert_array_equal(run.gaps, sound.gaps)
+            continue
+        np.testing.assert_array_equal(run.load, sound.load)
+        np.testing.assert_array_equal(run.gaps, sound.gaps)
     assert refused > 5
 
 
@@ -312,20 +304,6 @@ def test_a_message_that_is_no_longer_one_is_missed(tmp_path, brief, raw):
     data[place] = 0x80  # a record of a kind that a reader skips
     bag.write_bytes(data)
     assert 'messages are readable, a record between them is damaged' in refusal(bag)
-
-
-def test_damage_without_checksums_ends_in_a_line_too(tmp_path, brief, raw):
-    """Changed numbers cannot be noticed then, but nothing may fall over."""
-    whole = raw(tmp_path / 'whole.mcap', brief, compression=CompressionType.NONE,
-                crcs=False, chunk_size=4000)
-    data = whole.read_bytes()
-    random = np.random.default_rng(3)
-    for place in random.integers(0, len(data), 40).tolist():
-        damaged = bytearray(data)
-        damaged[place] = int(random.integers(256))
-        bag = tmp_path / 'damaged.mcap'
-        bag.write_bytes(damaged)
-        run_or_line(bag)
 
 
 def test_info_goes_on_behind_the_first_fault(tmp_path, recording, raw):

@@ -90,12 +90,6 @@ def test_no_command_is_one_line_and_status_2():
         'saddlering: the following arguments are required: COMMAND; see saddlering --help\n')
 
 
-def test_an_unknown_command_is_one_line_and_status_2():
-    done = saddlering('identfy')
-    assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
-    assert 'identfy' in done.stderr
-
-
 def test_version_is_printed():
     done = saddlering('--version')
     assert (done.returncode, done.stderr) == (0, '')

@@ -62,10 +62,3 @@ def test_bad_arguments_get_one_line_and_leave_nothing(tmp_path, capsys, argument
     assert said in complaint
     assert len(complaint.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_list_of_effects_names_parameters_units_and_forms(capsys):
-    assert main(['generate', '--list-effects']) == 0
-    listed = capsys.readouterr().out
-    assert 'presliding [m]' in listed
-    assert 'lugre' in listed

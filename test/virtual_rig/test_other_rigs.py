@@ -63,7 +63,9 @@ def test_loads_of_generate_are_in_the_unit_of_the_rig_file(tmp_path, small_file)
     assert load.min() == pytest.approx(1e3, rel=0.05)
 
 
-def test_the_list_of_effects_has_the_sizes_of_the_rig(small_file, capsys):
+def test_the_list_of_effects_has_forms_units_and_the_sizes_of_the_rig(small_file, capsys):
     assert main(['generate', '--list-effects', '--rig', str(small_file)]) == 0
-    line = next(line for line in capsys.readouterr().out.splitlines() if 'force [N]' in line)
+    listed = capsys.readouterr().out
+    assert 'lugre' in listed
+    line = next(line for line in listed.splitlines() if 'force [N]' in line)
     assert 'typical 244.7' in line  # of cylinder_friction: 3000 N on 245 kN
