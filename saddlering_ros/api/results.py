@@ -394,7 +394,7 @@ class ComparisonResult(Result):
 
     def summary(self) -> str:
         """Verdict, changes with their errors, contact law, figures of makers, notes."""
-        from saddlering_ros.report.change import change_text
+        from saddlering_ros.report.reports import change_text
 
         return change_text(self.change)
 
@@ -408,12 +408,12 @@ class ComparisonResult(Result):
 
     def plot(self) -> Plot:
         """The change of the later runs over the load."""
-        from saddlering_ros.report.change import change_chart
+        from saddlering_ros.report.reports import change_chart
 
         return Plot(change_chart(self.change), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
-        from saddlering_ros.report.change import write_change_page
+        from saddlering_ros.report.reports import write_change_page
 
         write_change_page(self.change, path, command)
         return (path,)

@@ -24,8 +24,7 @@ from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samp
 from saddlering_ros.errors import LiveError, SaddleringError
 from saddlering_ros.live import session
 from saddlering_ros.live.commands import Action, ACTIONS, Commands
-from saddlering_ros.live.gauges import Gauges
-from saddlering_ros.live.traces import Traces
+from saddlering_ros.live.traces import Gauges, Traces
 from saddlering_ros.monitoring.detector import materiality, sound_motion
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN

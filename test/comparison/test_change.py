@@ -32,7 +32,7 @@ from saddlering_ros.identification import identify
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.progress import one_blas_thread, Watch
-from saddlering_ros.report.change import (
+from saddlering_ros.report.reports import (
     change_chart,
     change_text,
     contact_words,

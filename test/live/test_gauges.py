@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from saddlering_ros.live import gauges
-from saddlering_ros.live.gauges import Gauges
+from saddlering_ros.live import traces
+from saddlering_ros.live.traces import Gauges
 from saddlering_ros.rig import TONNE
 
 
@@ -36,7 +36,7 @@ def test_load_and_elevation_are_in_the_units_of_the_rig_room():
 def test_a_reading_that_is_old_stays_and_is_marked_as_the_last_one(monkeypatch):
     found = Gauges()
     found.push('load', TONNE)
-    monkeypatch.setattr(gauges, 'FRESH', -1.0)
+    monkeypatch.setattr(traces, 'FRESH', -1.0)
     assert found.as_page()['load'] == {'t': 1.0, 'kN': 9.81, 'is_old': True}
 
 
