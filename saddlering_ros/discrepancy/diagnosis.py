@@ -64,20 +64,22 @@ def problem_of(
     watch: Watch | None = None,
 ) -> Problem:
     """The problem of a declared model, or of a `System`, with runs in its form."""
-    parts: tuple[tuple[str, object], ...] = (('runs', runs), ('hold_out', hold_out))
-    for name, given in parts:
-        if not isinstance(given, Sequence):
-            raise DiscrepancyError(
-                f'diagnose: {name} is a {type(given).__name__}: give a list of runs')
+    for name, given, kind, words in (
+            ('runs', runs, Sequence, 'a list of runs'),
+            ('hold_out', hold_out, Sequence, 'a list of runs'),
+            ('start', start or {}, Mapping, 'a mapping from names to numbers'),
+            ('settings', settings or MODEL_SETTINGS, Settings, 'Settings(...)')):
+        systems.must_be(kind, f'diagnose: {name}', given, words)
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
     system: systems.System
     if isinstance(model, Model):
-        declared = [run for run in runs if isinstance(run, Run)]
-        if len(declared) != len(runs):
-            raise DiscrepancyError('diagnose: a Model takes runs of the class Run')
-        system = ModelSystem(model, declared)
+        for run in (*runs, *hold_out):
+            systems.must_be(Run, 'diagnose: one of the runs of a Model', run, 'Run(...)')
+        system = ModelSystem(model, [run for run in runs if isinstance(run, Run)])
     else:
+        if not hasattr(model, 'predict_many'):
+            systems.must_be(Model, 'diagnose: model', model, 'Model(...)')
         system = model
     blocks = []
     for part, held_out in ((runs, False), (hold_out, True)):

@@ -205,7 +205,7 @@ def returning(result: object) -> Model:
         (lambda: Effect('x', {'size': Parameter(0, 1)}, starts=({'sise': 1.0},)), 'sise'),
         (lambda: replace(MODEL, base={'bend.size': Parameter(0, 1)}), 'two parameters'),
         (lambda: replace(MODEL, effects=[BEND]), 'effects is a list'),
-        (lambda: replace(MODEL, channels={'seen': 'm'}), 'give a Channel'),
+        (lambda: replace(MODEL, channels={'seen': 'm'}), 'give Channel'),
         (lambda: Channel(noise=0.1), 'give Noise.white'),
         (lambda: replace(MODEL, effects={'f': Effect('f', {'x': Parameter(0.5, 2.0)})}),
          'neutral='),

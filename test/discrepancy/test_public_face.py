@@ -101,7 +101,33 @@ def test_the_engine_imports_no_ring() -> None:
         replace(record(), outputs={'y': 1e-200 * np.arange(200)})]),
      'channel y has readings up to 1.99e-198: give NaN where a sample is missing, or'),
     (lambda: diagnose(lines(straight), [record()], hold_out=[record(1, huge=-np.inf)]),
-     'run run 1: channel y is infinite in 1 of 200 samples, from time 0.140704 on: give NaN')])
+     'run run 1: channel y reads -inf at time 0.140704 (such readings: 1 of 200): give NaN where'),
+    (lambda: diagnose(lines(straight), [record()], hold_out=[record(1, huge=9.9e37)]),
+     'run run 1: channel y reads 9.9e+37 at time 0.140704 (such readings: 1 of 200): give NaN'),
+    (lambda: Parameter(0, 1, start='2'), "parameter: start is '2': give a number"),
+    (lambda: Parameter(0, 1, neutral='0'), "parameter: neutral is '0': give a number"),
+    (lambda: Parameter(0, 1, unit=None), 'parameter: unit is None: give a text'),
+    (lambda: Parameter(0, 1, limiting_case=[0]), 'parameter: limiting_case is a list: give a nu'),
+    (lambda: Parameter.angle('degree'), "parameter: the unit of an angle is 'degree': give rad"),
+    (lambda: Effect('C', {'f': (0, 1)}), 'effect C: declare at least one parameter, the size'),
+    (lambda: Effect('C', {'f': Parameter(0, 1)}, variants=(1, 2)),
+     'effect C: one of its variants is 1: give a mapping from names to values'),
+    (lambda: Effect('C', {'f': Parameter(0, 1)}, starts={'f': 1}),
+     "effect C: one of its starts is 'f': give a mapping from names to values"),
+    (lambda: Channel(unit=None), 'channel: unit is None: give a text'),
+    (lambda: replace(lines(straight), time_unit=None), 'model: time_unit is None: give a text'),
+    (lambda: replace(lines(straight), base={'slope': (0, 4)}),
+     'model: base slope is (0, 4): give Parameter(...)'),
+    (lambda: replace(record(), time=np.zeros((9, 1))), 'run run 0: time has shape (9, 1): give'),
+    (lambda: replace(record(), outputs=np.ones(200)), 'run run 0: outputs is a ndarray: give a'),
+    (lambda: replace(record(), inputs=[1.0]), 'run run 0: inputs is a list: give a mapping from'),
+    (lambda: diagnose(straight, [record()]), 'diagnose: model is a function: give Model(...)'),
+    (lambda: diagnose(lines(straight), [record()], hold_out=[{}]),
+     'diagnose: one of the runs of a Model is a dict: give Run(...)'),
+    (lambda: diagnose(lines(straight), [record()], start=[2]),
+     'diagnose: start is a list: give a mapping from names to numbers'),
+    (lambda: diagnose(lines(straight), [record()], settings={'max_causes': 1}),
+     'diagnose: settings is a dict: give Settings(...)')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
     with pytest.raises(discrepancy.DiscrepancyError) as refused:
@@ -214,6 +240,13 @@ def test_none_names_the_effects_that_the_data_cannot_test() -> None:
     answer = diagnose(replace(lines(simulate), effects=both), [record(0), record(1)])
     assert answer.verdict == 'none'
     assert 'These data cannot test A gain.' in answer.summary().splitlines()
+
+
+def test_unknown_names_an_effect_that_the_simulator_leaves_out() -> None:
+    answer = diagnose(lines(lambda parameters, run: {'y': parameters['slope'] * run.inputs['x']}),
+                      [record(0), record(1)])
+    assert answer.verdict == 'unknown'
+    assert 'These data cannot test A wave.' in answer.summary().splitlines()
 
 
 def test_inputs_may_be_lists() -> None:

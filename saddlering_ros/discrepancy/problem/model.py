@@ -16,7 +16,13 @@ from numpy.typing import ArrayLike
 from saddlering_ros.discrepancy.noise import Noise, noise_of_channel
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
-from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    DiscrepancyError,
+    Effect,
+    must_be,
+    Parameter,
+)
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.record_noise import ChannelRecord
 from saddlering_ros.quantities import percent
@@ -45,9 +51,8 @@ class Channel:
     model_error: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.noise, Noise):
-            raise DiscrepancyError(
-                f'channel: noise is {self.noise!r}: give Noise.white(std) or another Noise')
+        must_be(Noise, 'channel: noise', self.noise, 'Noise.white(std) or another Noise')
+        must_be(str, 'channel: unit', self.unit, 'a text')
         numbers = (int, float, np.number)
         is_std = isinstance(self.offset, numbers) and 0.0 <= self.offset < np.inf
         if not is_std and self.offset not in ('free', 'none'):
@@ -99,12 +104,15 @@ class Run:
             raise DiscrepancyError(f'run: its name is {self.name!r}: give a text')
         time = _numbers(f'run {self.name}: time', self.time)
         if time.ndim != 1 or time.size < system.MIN_SAMPLES:
-            raise DiscrepancyError(
-                f'run {self.name}: {time.size} samples of time: give at least '
-                f'{system.MIN_SAMPLES}')
+            raise DiscrepancyError(f'run {self.name}: time has shape {time.shape}: give one row '
+                                   f'of at least {system.MIN_SAMPLES} samples')
         if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
             raise DiscrepancyError(f'run {self.name}: time must rise from sample to sample')
-        if not self.outputs:
+        for kind in ('inputs', 'outputs', 'coordinates'):
+            if not hasattr(given := getattr(self, kind), 'items'):
+                must_be(Mapping, f'run {self.name}: {kind}', given,
+                        'a mapping from names to values')
+        if not len(self.outputs):
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
         object.__setattr__(self, 'time', time)
         object.__setattr__(self, 'inputs', {
@@ -147,15 +155,13 @@ class Model:
     def __post_init__(self) -> None:
         for name, wanted in (('base', Parameter), ('effects', Effect), ('channels', Channel)):
             given, kind = getattr(self, name), wanted.__name__
-            if not isinstance(given, Mapping):
-                raise DiscrepancyError(f'model: {name} is a {type(given).__name__}: give a '
-                                       f'mapping from names to {kind}')
+            must_be(Mapping, f'model: {name}', given, f'a mapping from names to {kind}')
             for key, value in given.items():
                 if not (isinstance(key, str) and key) or (
                         wanted is Effect and (key in OUTCOMES or ' or ' in key)):
                     raise DiscrepancyError(f'model: {name} has the name {key!r}: give another one')
-                if not isinstance(value, wanted):
-                    raise DiscrepancyError(f'model: {name} {key} is {value!r}: give a {kind}')
+                must_be(wanted, f'model: {name} {key}', value, f'{kind}(...)')
+        must_be(str, 'model: time_unit', self.time_unit, 'a text')
         if not self.channels:
             raise DiscrepancyError('model: no channels: declare the quantities that the '
                                    'simulator predicts')
@@ -246,15 +252,16 @@ class ModelSystem:
         readings = readings / self.scales[:, None]
         present = np.isfinite(readings)
         for name, there in zip(self.channel_names, present, strict=True):
-            infinite = np.flatnonzero(np.isinf(run.outputs[name]))
-            if infinite.size:
-                raise DiscrepancyError(
-                    f'run {run.name}: channel {name} is infinite in {infinite.size} of '
-                    f'{run.time.size} samples, from time {run.time[infinite[0]]:.6g} on: give NaN '
-                    'where a sample is missing')
             if there.sum() < system.MIN_SAMPLES:
                 raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
                                        f'that are numbers; give at least {system.MIN_SAMPLES}')
+            values, scale = run.outputs[name], self.scales[self.channel_names.index(name)]
+            wild = np.flatnonzero(np.abs(values - np.median(values[there])) > DIVERGED * scale)
+            if wild.size:
+                raise DiscrepancyError(
+                    f'run {run.name}: channel {name} reads {values[wild[0]]:.3g} at time '
+                    f'{run.time[wild[0]]:.6g} (such readings: {wild.size} of {run.time.size}): '
+                    'give NaN where a sample is missing')
         coordinates = dict(run.coordinates)
         if not coordinates:  # The inputs that can serve as coordinates.
             inputs = {name: np.asarray(values) for name, values in run.inputs.items()}

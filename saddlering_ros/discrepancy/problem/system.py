@@ -24,6 +24,14 @@ class DiscrepancyError(SaddleringError):
     """Runs or a simulator that the engine cannot use."""
 
 
+def must_be(kind: type | tuple[type, ...], what: str, given: object, words: str) -> None:
+    """DiscrepancyError if a declared value is of another kind."""
+    if not isinstance(given, kind):
+        shown = repr(given) if isinstance(given, (str, tuple, int, float, type(None))) else (
+            f'a {type(given).__name__}')
+        raise DiscrepancyError(f'{what} is {shown}: give {words}')
+
+
 MIN_SENSITIVITY = 12.0**0.5
 """Change of the residual by the whole range of a parameter, in standard deviations of the noise,
 below which it is not determined: its bounds alone, if all values between them are as likely, have
@@ -61,6 +69,11 @@ class Parameter:
         if not (are_numbers and -math.inf < self.low < self.high < math.inf):
             raise DiscrepancyError(f'{label}: low must be below high, and both finite, not '
                                    f'{self.low!r} and {self.high!r}')
+        must_be(str, f'{label}: unit', self.unit, 'a text')
+        for what in ('start', 'neutral', 'whole'):
+            must_be((*numbers, type(None)), f'{label}: {what}', getattr(self, what), 'a number')
+        for value in self.limiting_cases:
+            must_be(numbers, f'{label}: limiting_case', value, 'a number, or a tuple of them')
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
@@ -73,6 +86,8 @@ class Parameter:
     @classmethod
     def angle(cls, unit: str = 'rad', start: float | None = None) -> Parameter:
         """An angle or phase of any value; a full turn returns to the start."""
+        if unit not in ('rad', 'deg'):
+            raise DiscrepancyError(f'parameter: the unit of an angle is {unit!r}: give rad or deg')
         turn = 360.0 if unit == 'deg' else 2.0 * math.pi
         return cls(0.0, turn, unit=unit, start=start, periodic=True)
 
@@ -173,9 +188,15 @@ class Effect:
     def __post_init__(self) -> None:
         if not (isinstance(self.title, str) and self.title):
             raise DiscrepancyError(f'effect: its title is {self.title!r}: give a text')
-        if not self.parameters or not isinstance(self.parameters, Mapping):
+        given = self.parameters
+        if not (given and isinstance(given, Mapping)
+                and all(isinstance(one, Parameter) for one in given.values())):
             raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
                                    'size, in a mapping from names to Parameter')
+        for what in ('variants', 'starts'):
+            for one in getattr(self, what):
+                must_be(Mapping, f'effect {self.title}: one of its {what}', one,
+                        'a mapping from names to values')
         if not self.id:
             object.__setattr__(self, 'id', self.title)
         for start in self.starts:

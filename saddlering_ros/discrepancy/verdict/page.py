@@ -173,7 +173,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
     lines += wording.certainty_lines(wording.certainty_document(diagnosis), diagnosis.title_of)
     unseen = [diagnosis.title_of(limit.effect) for limit in diagnosis.observability.limits
               if not limit.testable]
-    if unseen and diagnosis.verdict == 'none':
+    if unseen and diagnosis.verdict in ('none', 'unknown'):
         lines.append(f'These data cannot test {wording.joined(unseen)}.')
     if diagnosis.verdict == 'unknown':
         lines.append(wording.tried_words(
