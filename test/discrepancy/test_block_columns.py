@@ -5,8 +5,7 @@ import pytest
 
 from saddlering_ros.discrepancy import Channel, Model, Noise, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
-from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
-from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns
+from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Metric, noise_metric
 
 
 @pytest.fixture

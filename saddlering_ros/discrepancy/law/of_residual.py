@@ -11,10 +11,9 @@ from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import DIRECTION, LOAD, Misfit, ObservedRun
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
 from saddlering_ros.discrepancy.problem.fits import around, Fit, plain_fits, tangent
-from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
-from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.memory_operators import direction_of
 

@@ -19,10 +19,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
-from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index, Metric
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
-from saddlering_ros.discrepancy.search.block_columns import Block, BlockColumns, Index
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
