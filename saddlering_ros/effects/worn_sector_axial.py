@@ -15,7 +15,8 @@ class WornSectorAxial(WornSector):
     title = 'Worn sector of the axial rows'
     words = ('On one arc the axial rollers or their raceway are worn, so that they carry less or '
              'come into contact later. Tilt and axial motion are softer when the arc lies in the '
-             'load zone (front for the upper row, rear for the lower one), and right elsewhere.')
+             'load zone (front for the upper row, rear for the lower one), and right elsewhere. A '
+             'raceway or a mounting face that is out of flat by as much acts alike.')
     channels = ('delta_y', 'gamma')
     parameters = arc_parameters(centre=1.2)
     variants = tuple(
