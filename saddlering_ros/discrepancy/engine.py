@@ -171,7 +171,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
     """
     stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None)
     is_established = answer.verdict in ('named', 'ambiguous')
-    unshared = established.unshared(stability[0]) if is_established else []
+    unshared = established.unshared(
+        stability[0], strict.space.problem.titles) if is_established else []
     answer = answer.doubted(unshared)
     confined = None if answer.verdict == 'none' else cause_of_some_runs(strict.space, strict.fit)
     causes, is_better = answer.published.causes, False

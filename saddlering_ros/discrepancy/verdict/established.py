@@ -5,7 +5,8 @@
 `doubts_among` among small errors of all that is listed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from statistics import mode
 
 import numpy as np
 
@@ -409,8 +410,11 @@ def must_fit_every_run(search: Search, published: Publication, name: str) -> boo
             and published.main.effect == name)
 
 
-def unshared(refits: Sequence[Refit]) -> list[str]:
+def unshared(refits: Sequence[Refit], titles: Mapping[str, str]) -> list[str]:
     """A sentence if most refits of a model with causes end in another first cause."""
     share = float(np.mean([refit.is_same for refit in refits]))
-    return [] if share > MIN_SHARED else [
-        wording.UNSHARED.format(percent(share), percent(MIN_SHARED))]
+    if share > MIN_SHARED:
+        return []
+    other = mode(refit.first for refit in refits if not refit.is_same)
+    return [wording.UNSHARED.format(
+        percent(share), percent(MIN_SHARED), 'no cause' if other is None else titles[other])]

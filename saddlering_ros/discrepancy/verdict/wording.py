@@ -342,7 +342,8 @@ SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its
                     'the base, and an effect outside the catalogue could have as much')
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
-UNSHARED = '{} of the refits have the same first cause, and more than {} is required'
+UNSHARED = ('{} of the refits have the same first cause, and more than {} is required: most of '
+            'the others, which no bound stops, end in {}')
 
 
 def suspect_words(title: str, doubts: Sequence[str]) -> str:
