@@ -16,13 +16,7 @@ from numpy.typing import ArrayLike
 from saddlering_ros.discrepancy.noise import Noise, noise_of_channel
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    Effect,
-    must_be,
-    Parameter,
-)
+from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.record_noise import ChannelRecord
 from saddlering_ros.quantities import percent
@@ -51,8 +45,8 @@ class Channel:
     model_error: float = 0.0
 
     def __post_init__(self) -> None:
-        must_be(Noise, 'channel: noise', self.noise, 'Noise.white(std) or another Noise')
-        must_be(str, 'channel: unit', self.unit, 'a text')
+        system.must_be(Noise, 'channel: noise', self.noise, 'Noise.white(std) or another Noise')
+        system.must_be(str, 'channel: unit', self.unit, 'a text')
         numbers = (int, float, np.number)
         is_std = isinstance(self.offset, numbers) and 0.0 <= self.offset < np.inf
         if not is_std and self.offset not in ('free', 'none'):
@@ -110,7 +104,7 @@ class Run:
             raise DiscrepancyError(f'run {self.name}: time must rise from sample to sample')
         for kind in ('inputs', 'outputs', 'coordinates'):
             if not hasattr(given := getattr(self, kind), 'items'):
-                must_be(Mapping, f'run {self.name}: {kind}', given,
+                system.must_be(Mapping, f'run {self.name}: {kind}', given,
                         'a mapping from names to values')
         if not len(self.outputs):
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
@@ -155,13 +149,13 @@ class Model:
     def __post_init__(self) -> None:
         for name, wanted in (('base', Parameter), ('effects', Effect), ('channels', Channel)):
             given, kind = getattr(self, name), wanted.__name__
-            must_be(Mapping, f'model: {name}', given, f'a mapping from names to {kind}')
+            system.must_be(Mapping, f'model: {name}', given, f'a mapping from names to {kind}')
             for key, value in given.items():
                 if not (isinstance(key, str) and key) or (
                         wanted is Effect and (key in OUTCOMES or ' or ' in key)):
                     raise DiscrepancyError(f'model: {name} has the name {key!r}: give another one')
-                must_be(wanted, f'model: {name} {key}', value, f'{kind}(...)')
-        must_be(str, 'model: time_unit', self.time_unit, 'a text')
+                system.must_be(wanted, f'model: {name} {key}', value, f'{kind}(...)')
+        system.must_be(str, 'model: time_unit', self.time_unit, 'a text')
         if not self.channels:
             raise DiscrepancyError('model: no channels: declare the quantities that the '
                                    'simulator predicts')
