@@ -105,7 +105,7 @@ class Run:
         for kind in ('inputs', 'outputs', 'coordinates'):
             if not hasattr(given := getattr(self, kind), 'items'):
                 system.must_be(Mapping, f'run {self.name}: {kind}', given,
-                        'a mapping from names to values')
+                               'a mapping from names to values')
         if not len(self.outputs):
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
         object.__setattr__(self, 'time', time)
