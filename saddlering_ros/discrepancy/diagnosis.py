@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import time as clock
 import timeit
+from typing import cast
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def problem_of(
     if isinstance(model, Model):
         for run in (*runs, *hold_out):
             systems.must_be(Run, 'diagnose: one of the runs of a Model', run, 'Run(...)')
-        system = ModelSystem(model, [run for run in runs if isinstance(run, Run)])
+        system = ModelSystem(model, cast(Sequence[Run], runs))
     else:
         if not hasattr(model, 'predict_many'):
             systems.must_be(Model, 'diagnose: model', model, 'Model(...)')

@@ -343,7 +343,7 @@ def _beside_error(strict: Answer) -> Answer:
         before, after = _residual_of(space, space.base), _residual_of(space, fit)
         # Model error can take what base parameters imitate, so that these would be open.
         published = publish(search, before, after)
-        sizes = {cause.effect: cause.visible for cause in published.causes}
+        causes = {cause.effect: cause for cause in published.causes}
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != published.main.effect})
         if weak is None:
@@ -353,14 +353,13 @@ def _beside_error(strict: Answer) -> Answer:
             answer = _answer_beside(
                 noise_alone, strict.before, search, published,
                 doubts or [wording.REST_IS_ERROR], taken, is_established=not doubts)
-            if not doubts and (answer.verdict == 'named' or len(sizes) == 1):
+            if not doubts and (answer.verdict == 'named' or len(causes) == 1):
                 return answer
             answers.setdefault(answer.verdict, answer)
-            if len(sizes) == 1:
+            if len(causes) == 1:
                 break
-            weak = min(sizes, key=lambda name: sizes[name])
-        most_dropped = max(most_dropped, *(
-            published.power_of(cause) for cause in published.causes if cause.effect == weak))
+            weak = min(published.causes, key=lambda cause: cause.visible).effect
+        most_dropped = max(most_dropped, published.power_of(causes[weak]))
         search = selection.learnt_without(noise_alone, search, weak, dropped)
     return answers.get('ambiguous') or answers.get('unknown') or strict
 

@@ -245,11 +245,11 @@ class ModelSystem:
         readings = np.array([run.outputs[name] for name in self.channel_names])
         readings = readings / self.scales[:, None]
         present = np.isfinite(readings)
-        for name, there in zip(self.channel_names, present, strict=True):
+        for name, there, scale in zip(self.channel_names, present, self.scales, strict=True):
             if there.sum() < system.MIN_SAMPLES:
                 raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
                                        f'that are numbers; give at least {system.MIN_SAMPLES}')
-            values, scale = run.outputs[name], self.scales[self.channel_names.index(name)]
+            values = run.outputs[name]
             wild = np.flatnonzero(np.abs(values - np.median(values[there])) > DIVERGED * scale)
             if wild.size:
                 raise DiscrepancyError(

@@ -24,7 +24,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem import metric as metrics
-from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, Key, refit, run_refits
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import evidence, ranking, valleys
 from saddlering_ros.discrepancy.search import signatures as shown_by
@@ -276,15 +276,15 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
                 if name not in other.candidate.ids and not stopped_sizes(other)
                 and Comparison(space, less, other).is_another_cause()]
             as_good = _as_good(space, fit, less, fits)
-            likely = next((other for other in fits if Comparison(space, less, other).is_material
-                           and space.penalised(other) < space.penalised(fit) - 1.0), None)
-            took, *takes = _taken(space, less, [fit, *as_good, *([likely] if likely else [])])
+            material = [other for other in fits if Comparison(space, less, other).is_material]
+            likely = [other for other in material[:1]
+                      if space.penalised(other) < space.penalised(fit) - 1.0]
+            taken_by = _taken(space, less, [fit, *as_good, *likely])
+            own = taken_by[fit.candidate.key]
             alternatives[name] = tuple(
-                other for other, own in zip(as_good, takes, strict=False) if own >= MAINLY * took)
-            better += [other for other, own in zip(as_good, takes, strict=False)
-                       if MAINLY * own > took]
-            if likely and takes[-1] >= MAINLY * took:
-                better.append(likely)
+                other for other in as_good if taken_by[other.candidate.key] >= MAINLY * own)
+            better += [other for other in as_good if MAINLY * taken_by[other.candidate.key] > own]
+            better += [other for other in likely if taken_by[other.candidate.key] >= MAINLY * own]
         if not (better and further):
             break
         fit = prune(space, min(better, key=space.penalised), log)
@@ -316,18 +316,26 @@ def _as_good(
         floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings))
 
 
-def _taken(space: ModelSpace, less: Fit, fits: Sequence[Fit]) -> list[float]:
+def _taken(space: ModelSpace, less: Fit, fits: Sequence[Fit]) -> Mapping[Key, float]:
     """Mean square over range that each fit takes of what `less` leaves, in the metric of the gain.
 
     0 for rings, on which nuisance parameters take a share. Learnt model error can leave the level
     of a channel open: causes of 27 and 1 % of the misfit of a ball screw were equally likely.
     """
-    if len(fits) < 2 or not space.problem.assumptions.exact_laws:
-        return [0.0] * len(fits)
-    left, *each = (float(seen @ seen) for seen in (
-        space.problem.in_views(plain.prediction - space.problem.measured)
-        for plain in fitting.plain_fits(space.problem, [less, *fits])))
-    return [left - own for own in each]
+    models = {fit.candidate.key: fit for fit in fits}
+    if len(models) < 2 or not space.problem.assumptions.exact_laws:
+        return dict.fromkeys(models, 0.0)
+    return {key: _left_by(space, less) - _left_by(space, fit) for key, fit in models.items()}
+
+
+def _left_by(space: ModelSpace, fit: Fit) -> float:
+    """Mean square over range that a model leaves where it is fitted in the metric of the gain."""
+    def left() -> float:
+        [plain] = fitting.plain_fits(space.problem, [fit])
+        seen = space.problem.in_views(plain.prediction - space.problem.measured)
+        return float(seen @ seen)
+
+    return space.once('left in the metric of the gain', fit, left)
 
 
 def stopped_sizes(fit: Fit) -> list[tuple[Effect, float]]:
