@@ -12,8 +12,8 @@ class WornSectorRadial(WornSector):
     title = 'Worn sector of the radial row'
     words = ('On one arc the radial rollers or their raceway are worn, so that they carry less or '
              'come into contact later. The radial channel is softer when the arc lies at the '
-             'rear, where the load is, and right elsewhere. A raceway that waves by as much acts '
-             'alike.')
+             'rear, where the load is, and right elsewhere. A raceway that is uneven by as '
+             'much acts alike.')
     channels = ('delta_x',)
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)

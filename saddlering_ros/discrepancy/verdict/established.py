@@ -416,5 +416,5 @@ def unshared(refits: Sequence[Refit], titles: Mapping[str, str]) -> list[str]:
     if share > MIN_SHARED:
         return []
     other = mode(refit.first for refit in refits if not refit.is_same)
-    return [wording.UNSHARED.format(
-        percent(share), percent(MIN_SHARED), 'no cause' if other is None else titles[other])]
+    end = 'no cause' if other is None else f'{titles[other]}, perhaps beyond its bounds'
+    return [wording.UNSHARED.format(percent(share), percent(MIN_SHARED), end)]

@@ -343,7 +343,7 @@ SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
 UNSHARED = ('{} of the refits have the same first cause, and more than {} is required: most of '
-            'the others, which no bound stops, end in {}')
+            'the others end in {}')
 
 
 def suspect_words(title: str, doubts: Sequence[str]) -> str:
