@@ -36,6 +36,10 @@ a test parts them."""
 MAX_REFITS = 100
 """Refits from which on no further test is judged by them: some three seconds on a ring."""
 
+MAX_ANEW = 1e4
+"""Largest spread of an error of a test, in standard deviations of the noise: free by measure. A
+constant of 1e7 ranges left no digit of a misfit, so that no test parted two causes."""
+
 JOINT_FITS = 2
 """Fits of open models to all runs: the noise is learnt from a model that does not know the
 held-out runs, and then from the best one that does."""
@@ -251,6 +255,7 @@ class _OpenModels:
             whiten = _whitener(metric, proposal)
             again, anew = (whiten(np.pad(part, readings))
                            for part in (again, anew[:, anew.any(axis=0)]))
+            anew *= np.minimum(MAX_ANEW / np.linalg.norm(anew, axis=0), 1.0)
             forecasts = []
             for (mean, root), (values, slopes) in zip(known, view, strict=True):
                 white = whiten(np.column_stack([values, slopes]))

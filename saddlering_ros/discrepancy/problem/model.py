@@ -206,10 +206,6 @@ COORDINATE_WAVES = 40
 DIVERGED = 1e6
 """Ranges at which a prediction has diverged: none is near, and its square is finite."""
 
-MAX_OFFSET = 10.0 * DIVERGED
-"""Spread of a free constant, in ranges: a counter or an absolute pressure may lie far from the
-simulated one, and a constant of 1500 ranges with a spread of ten hid a cause."""
-
 
 class ModelSystem:
     """A `System` of a model and the runs to which it is fitted."""
@@ -336,7 +332,7 @@ class ModelSystem:
     def assumptions(self) -> Assumptions:
         """Noise, offsets and model error as the channels declare them."""
         channels = self.model.channels.values()
-        kinds = {'free': MAX_OFFSET, 'none': 0.0}
+        kinds = {'free': system.FREE_OFFSET, 'none': 0.0}
         return Assumptions(
             learn_noise=self.learn_noise, relearns=True, many_valleys=True,
             offsets=tuple(

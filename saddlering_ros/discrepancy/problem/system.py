@@ -423,8 +423,9 @@ class Settings:
     seed: int = 0
 
 
-FREE_OFFSET = 10.0
-"""Spread of a free constant, in ranges: a constant of one costs a misfit of 0.01, nothing."""
+FREE_OFFSET = 1e7
+"""Spread of a free constant, in ranges: a counter or an absolute pressure may lie far from the
+simulated one, and a constant of 1500 ranges with a spread of ten hid a cause."""
 
 
 @dataclass(frozen=True)
