@@ -316,7 +316,9 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
             moved = [fit.candidate.point(base, one) for one in theta.T]
             left = change - metric.whiten(problem.predict(moved) - fit.prediction[:, None])
             lengths = np.fmin(lengths, beside_base(left))
-        if not whole.max(initial=0.0) > 0.0:
+        if not whole.size:
+            seen = 'the simulator fails at every start'
+        elif not whole.max() > 0.0:
             seen = 'changes nothing at any start'
         elif (lengths / np.maximum(whole, 1e-300)).max() < MIN_SHARE:
             seen = 'cannot be told from the base parameters'

@@ -180,6 +180,18 @@ def test_a_simulator_that_writes_into_the_time_of_a_run_moves_no_stretch_of_it()
     assert found(simulate, *apart).influence == found(straight).influence
 
 
+@pytest.mark.parametrize('wrong', [np.nan, 1e9])
+def test_a_check_says_that_a_simulator_fails_at_every_start_of_an_effect(wrong: float) -> None:
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'y': straight(parameters, run)['y'] * (wrong if parameters['wave.size'] else 1.0)}
+
+    said = list(discrepancy.check(lines(simulate), [record(0), record(1)]))
+    assert 'effect wave: the simulator fails at every start' in said
+    answer = diagnose(lines(simulate), [record(0), record(1)])
+    assert ('no finite result' in answer.warnings[-1]) == np.isnan(wrong)
+    assert ('a million ranges off the readings' in answer.warnings[-1]) == np.isfinite(wrong)
+
+
 def test_a_simulator_that_drifts_from_call_to_call_gets_a_warning() -> None:
     calls = []
 

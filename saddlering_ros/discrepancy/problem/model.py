@@ -292,7 +292,9 @@ class ModelSystem:
                 rows = np.where(run.present, rows, 0.0)
             near = np.abs(rows - run.channels) < DIVERGED
             if not near.all():
-                self._lost(source, asked[number], 'no finite result', self._where(near, source))
+                why = 'its result is a million ranges off the readings: see to the units' if (
+                    np.isfinite(rows).all()) else 'no finite result'
+                self._lost(source, asked[number], why, self._where(near, source))
                 continue
             answers[number] = rows
             if source.name not in self._first:

@@ -228,7 +228,8 @@ class Problem:
 
     def predict(self, points: Sequence[Point]) -> Array:
         """Stacked channels (n, B) at `points`."""
-        parts = [self.simulate(run, points).reshape(len(points), -1) for run in self.runs]
+        parts = [self.simulate(run, points).reshape(len(points), run.channels.size)
+                 for run in self.runs]
         self.simulations += len(points)
         return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
 
