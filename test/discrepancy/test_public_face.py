@@ -180,6 +180,19 @@ def test_a_simulator_that_writes_into_the_time_of_a_run_moves_no_stretch_of_it()
     assert found(simulate, *apart).influence == found(straight).influence
 
 
+def test_what_a_simulator_writes_into_a_run_changes_no_array_of_the_caller() -> None:
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        np.clip(run.inputs['x'], 0.0, 4.0, out=run.inputs['x'])
+        run.outputs['y'][:] = straight(parameters, run)['y']
+        return run.outputs
+
+    runs = record(0), record(1)
+    discrepancy.check(lines(simulate), runs)
+    size = found(simulate, *runs).causes[0].parameters['size'].value
+    assert size == found(straight).causes[0].parameters['size'].value
+    assert np.array_equal(runs[0].outputs['y'], record(0).outputs['y'])
+
+
 @pytest.mark.parametrize('wrong', [np.nan, 1e9])
 def test_a_check_says_that_a_simulator_fails_at_every_start_of_an_effect(wrong: float) -> None:
     def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:

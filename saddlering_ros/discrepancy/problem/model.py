@@ -259,12 +259,16 @@ class ModelSystem:
                 name: array.astype(np.float64) for name, array in inputs.items()
                 if array.shape == run.time.shape and array.dtype.kind in 'fiu'
                 and np.all(np.isfinite(array)) and np.ptp(array) > 0.0}
+        # What a simulator writes into a run changes neither the caller's arrays nor the readings.
+        own = replace(run, time=run.time.copy(), inputs=system.copied(run.inputs),
+                      outputs=system.copied(run.outputs),
+                      coordinates=system.copied(run.coordinates))
         # Weight of each sample as a time, at most three times the usual one.
         width = np.gradient(run.time)
         width = np.minimum(width, 3.0 * np.median(width))
         return system.RunBlocks(
             run.name, '', run.time.copy(), width, np.where(present, readings, 0.0), coordinates,
-            held_out=held_out, payload=run, present=None if present.all() else present)
+            held_out=held_out, payload=own, present=None if present.all() else present)
 
     def values(self, point: system.Point) -> dict[str, float]:
         """All parameters by the names that `simulate` uses."""

@@ -32,6 +32,12 @@ def must_be(kind: type | tuple[type, ...], what: str, given: object, words: str)
         raise DiscrepancyError(f'{what} is {shown}: give {words}')
 
 
+def copied(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same values, with arrays of their own."""
+    return {name: values.copy() if isinstance(values, np.ndarray) else values
+            for name, values in given.items()}
+
+
 MIN_SENSITIVITY = 12.0**0.5
 """Change of the residual by the whole range of a parameter, in standard deviations of the noise,
 below which it is not determined: its bounds alone, if all values between them are as likely, have
