@@ -106,7 +106,7 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
         influence=influence,
         held_out_evidence=by_held_out,
     ).unpredicted(_remainder_of(space, [*_unpredicted(space, fit)]) if verdict == 'named' or (
-        verdict == 'none' and space.problem.assumptions.exact_laws) else ())
+        verdict != 'ambiguous' and space.problem.assumptions.exact_laws) else ())
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Claims on held-out runs that the fitted ones do not predict: no `none` hides them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -49,6 +50,17 @@ def test_a_name_states_what_a_held_out_run_keeps():
     assert any('the causes do not predict held-out other' in one for one in answer.warnings)
     assert 'next test: Fit other too, which the model does not predict.' in answer.summary()
     assert diagnose(MODEL, runs, hold_out=[record('same', 0.9, friction=0.5)]).complete
+
+
+def test_a_held_out_run_in_another_unit_is_told_where_no_cause_is_established():
+    """The headline stated a rest of 0.1 %, and no sentence the run of which all is left."""
+    runs = [record('a', 0.7, friction=0.5), record('b', 1.1, friction=0.5)]
+    other = record('other', 0.9, friction=0.5)
+    answer = diagnose(MODEL, runs, hold_out=[
+        replace(other, outputs={'force': -1000.0 * other.outputs['force']})])
+    assert answer.verdict == 'unknown'
+    assert ' of range in force of held-out other fits no cause.' in answer.headline
+    assert any('the causes do not predict held-out other' in one for one in answer.warnings)
 
 
 def test_what_the_fitted_runs_do_not_determine_is_no_misfit():

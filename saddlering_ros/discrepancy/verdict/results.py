@@ -401,13 +401,13 @@ class Diagnosis:
         """
         from saddlering_ros.discrepancy.verdict.wording import unpredicted_words
 
-        if self.verdict not in ('none', 'named') or not rests:
+        if self.verdict == 'ambiguous' or not rests:
             return self
         is_none, largest = self.verdict == 'none', max(rests, key=lambda rest: rest.share_of_range)
         changed = replace(
             self, complete=False, remainder=tuple(sorted(
                 (*self.remainder, *rests), key=lambda rest: -rest.share_of_range)),
-            warnings=(*self.warnings, unpredicted_words(largest, has_causes=not is_none)))
+            warnings=(*self.warnings, unpredicted_words(largest, has_causes=bool(self.causes))))
         return replace(changed, verdict='unknown', probabilities=probabilities_of('unknown')
                        ) if is_none else changed
 
