@@ -371,10 +371,10 @@ def _answer_beside(
     """The answer on causes beside learnt error, with what they leave in the metric without it."""
     seen = _seen_in(alone, published.fits.after)
     left = _residual_of(alone, seen)
-    return Answer(
-        search, _verdict(is_established, published), tuple(warnings), before, left,
-        published, _remainder_of(alone, _left(alone, seen, left)),
-        before.explained_by(left), taken, is_beside_error=True)
+    rests = _remainder_of(alone, _left(alone, seen, left))
+    told = tuple(one for one in warnings if rests or one != wording.REST_IS_ERROR)
+    return Answer(search, _verdict(is_established, published), told, before, left, published,
+                  rests, before.explained_by(left), taken, is_beside_error=True)
 
 
 def _residual_of(space: ModelSpace, fit: Fit) -> results.Residual:

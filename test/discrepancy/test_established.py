@@ -120,6 +120,18 @@ def test_a_main_cause_is_established_and_what_it_leaves_is_stated(seed: int) -> 
     assert interval[0] < answer.gain.held_out < interval[1]
 
 
+@pytest.mark.parametrize('rests', [(), ('a rest',)])
+def test_no_warning_tells_of_a_remainder_where_the_declared_error_covers_it(
+        rests: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: Any = SimpleNamespace(explained_by=lambda left: 1.0, fits=SimpleNamespace(after=None))
+    for name, result in {'_seen_in': seen, '_residual_of': seen, '_left': [],
+                         '_remainder_of': rests, '_verdict': 'named'}.items():
+        monkeypatch.setattr(engine, name, lambda *_, result=result: result)
+    answer = engine._answer_beside(
+        seen, seen, seen, seen, [wording.REST_IS_ERROR], 1.0, is_established=True)
+    assert (wording.REST_IS_ERROR in answer.warnings) == bool(rests)
+
+
 @pytest.mark.parametrize('seed', [1, 2])
 def test_without_the_true_law_nothing_is_established(seed: int) -> None:
     neutral = {'friction.size': 0.0}
