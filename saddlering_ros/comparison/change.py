@@ -344,22 +344,24 @@ def contact_of_sessions(
     covariance = np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1]))
     step = covariance @ (columns.T @ residual)
     covariance *= diagnosis.residual_after.inflation(problem.settings.error_rate)
+    reached = fit.theta_unit[:count] + step[: 2 * count].reshape(2, count)
+    ends = np.clip(reached, 0.0, 1.0)
+    # A step that leaves the bounds is none of a linear law. K and n of a row are one law.
+    leaves = np.any(reached != ends, axis=0)
+    leaves |= np.repeat(leaves.reshape(-1, 3)[:, :2].any(axis=1), 3)
     answers, moved = {}, fit.point.effects.get(CONTACT_CHANGE)
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, parameter in enumerate(parameters):
-        unit, places = float(fit.theta_unit[index]), [index, count + index]
-        reached = unit + step[places]
-        ends = np.clip(reached, 0.0, 1.0)
-        first, last = map(parameter.from_unit, ends.tolist())
+        places = [index, count + index]
+        first, last = map(parameter.from_unit, ends[:, index].tolist())
         last *= changed.get(parameter.name, 1.0)
         both = covariance[np.ix_(places, places)]
-        # A step that leaves the bounds is none of a linear law.
-        spread = math.nan if np.any(reached != ends) else math.sqrt(
+        spread = math.nan if leaves[index] else math.sqrt(
             both[0, 0] + both[1, 1] - 2.0 * both[0, 1])
         before, std = earlier.parameters.contact.to_array()[index], earlier.std[index]
         # A K or D changes by the same factor about the identified law as about the fitted one.
         factor = before / first if parameter.scale == 'log' else 1.0
-        std_of_change = factor * parameter.slope(float(ends[0])) * spread
+        std_of_change = factor * parameter.slope(float(ends[0, index])) * spread
         change = Estimate(factor * (last - first), std_of_change, parameter.unit)
         answers[parameter.name] = (
             Estimate(float(before), float(std), parameter.unit),
