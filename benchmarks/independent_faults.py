@@ -159,6 +159,19 @@ def fault_of(effect: str, draw: np.random.Generator, share: float = 1.0) -> Hidd
         size = {'amplitude': side * 9e-6 * up, 'angle': float(draw.uniform(0.0, 0.5))}
         fault = Fault(gap_radial=lambda phi: size['amplitude'] * (
             np.cos(2 * (phi - size['angle'])) + 0.08 * np.cos(3 * phi)))
+    elif effect == 'axial_flatness':
+        size = {'amplitude': side * 8e-6 * up, 'angle': float(draw.uniform(0.0, math.pi / 4)),
+                'rows': float(draw.integers(4))}
+        more = 0.3 * draw.standard_normal(3) * (2.0 / np.arange(3, 6)) ** 2
+        phases = draw.uniform(0.0, 2.0 * np.pi, 3)
+
+        def bent(phi: Array) -> Array:
+            return size['amplitude'] * (np.cos(2 * (phi - size['angle'])) + more @ np.cos(
+                np.arange(3, 6)[:, None] * phi + phases[:, None]))
+
+        share_lower = {0.0: 0.0, 1.0: -2.0, 2.0: -1.0, 3.0: 1.0}[size['rows']]
+        fault = Fault(gap_axial=bent if size['rows'] < 3.0 else None,
+                      gap_lower=lambda phi: share_lower * bent(phi))
     elif effect == 'film_creep':
         size = {'share': 0.05 * up, 'time': float(draw.uniform(4.0, 20.0))}
         fault = Fault(series=(_creep(size['share'], size['time']),))
@@ -227,7 +240,7 @@ EFFECTS = (
     'worn_sector_axial', 'worn_sector_radial', 'out_of_round', 'film_creep', 'settling',
     'damping_law', 'carriage_resonance', 'probe_height', 'probe_bracket', 'probe_gain',
     'probe_nonlinearity', 'probe_drift', 'probe_lag', 'clock_offset', 'mains_pickup',
-    'probe_saturation')
+    'probe_saturation', 'axial_flatness')
 
 
 # -- laws outside the catalogue ----------------------------------------------------------------

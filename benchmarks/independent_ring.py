@@ -48,6 +48,7 @@ class Fault:
     turn: angle of the load line from the record by time and load [rad]; series: what joints add
     to (delta_x, delta_y, gamma) of the rollers, (samples, 3); readings: what probes add,
     (samples, 4);
+    gap_axial: what is added to the gaps of both axial rows; gap_lower: to that of the lower one;
     late: how much later [s] each probe is stamped; lag: time constant [s] of each probe.
     """
 
@@ -57,6 +58,7 @@ class Fault:
     clearance: tuple[float, float] = (0.0, 0.0)
     lower_row: float = 1.0
     gap_axial: Callable[[Array], Array] | None = None
+    gap_lower: Callable[[Array], Array] | None = None
     gap_radial: Callable[[Array], Array] | None = None
     friction_x: Sliders = Sliders()
     friction_y: Sliders = Sliders()
@@ -234,11 +236,12 @@ def simulate(ring: Ring, fault: Fault, degrees: float, time: Array, load: Array,
     half_middle = 0.5 * (middle.clearance + fault.clearance[1]) + np.zeros(middle.rollers)
     if fault.gap_axial is not None:
         half_axial = half_axial + fault.gap_axial(phia)
+    half_lower = half_axial + (0.0 if fault.gap_lower is None else fault.gap_lower(phia))
     if fault.gap_radial is not None:
         half_middle = half_middle + fault.gap_radial(phim)
     upper = scattered(ring.K1, axial.rollers)
     lower = scattered(ring.K1 * fault.lower_row, axial.rollers)
-    rows = (np.cos(phia), upper, half_axial, half_axial.copy(), lower,
+    rows = (np.cos(phia), upper, half_axial, half_lower, lower,
             np.cos(phim), scattered(ring.K2, middle.rollers), half_middle)
     springs = [own.springs() for own in (fault.friction_x, fault.friction_y, fault.friction_tilt)]
     sliders = (np.stack([item[0] for item in springs]), np.stack([item[1] for item in springs]))

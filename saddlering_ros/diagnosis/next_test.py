@@ -412,7 +412,7 @@ def on_slewed_ring(point: Point) -> Point:
     effects = {}
     for name, values in point.effects.items():
         effects[name] = dict(values)
-        if name == 'out_of_round':
+        if name in ('axial_flatness', 'out_of_round'):
             effects[name]['amplitude'] *= -1.0
         elif name in ('worn_sector_axial', 'worn_sector_radial'):
             centre = values['centre'] + math.pi / 2

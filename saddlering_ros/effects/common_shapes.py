@@ -1,4 +1,4 @@
-"""What several effects share: friction loops, clearances, choice of a probe, worn arcs."""
+"""What several effects share: friction loops, clearances, oval gaps, choice of a probe, arcs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -73,6 +73,23 @@ class ClearanceEffect(RingEffect):
             changed[name] = replace(row, gap=row.gap + half,
                                     gap_spread=abs(half) * values['spread'])
         return replace(extension, **changed)
+
+
+class OvalGap(RingEffect):
+    """A gap with two maxima around the ring: + a cos(2 (phi - phi0))."""
+
+    settled_by = ('The ring slewed by 90 deg: the effect of an oval changes its sign, that of a '
+                  'clearance does not.')
+    outcomes = {'slewed_ring': 'a misfit of the opposite sign', 'pull_push': UNCLEAR}
+    stage = 'ring'
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (
+        EffectParameter(
+            'amplitude', 'm', -3e-5, 3e-5, 8e-6, 0.0,
+            'largest change of the gap; positive: wider at phi0', amplitude=True),
+        EffectParameter('angle', 'rad', 0.0, math.pi / 4, 0.2, 0.2,
+                        'phi0 of the widest gap, from the rear', one_sided=True))
+    # Not at 0, where the mirror image makes every change of the angle vanish.
+    starts = ({'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
 
 
 MOVES = 'a misfit that moves with the probe'

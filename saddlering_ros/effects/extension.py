@@ -57,11 +57,12 @@ class Wear:
 
 @dataclass(frozen=True)
 class RowGeometry:
-    """How one row departs from equal rollers: wear, and for the radial row out-of-roundness.
+    """How one row departs from equal rollers: wear, and waves of the gap.
 
     stiffness: factor on K of the whole row; gap: extra gap of every roller [m], gap_spread [m]: by
     which rollers have more or less of it than their neighbours, evenly from -spread to spread;
-    oval_amplitude [m], oval_angle [rad]: gap + a cos(2 (phi - phi0)).
+    oval_amplitude [m], oval_angle [rad]: gap + a cos(2 (phi - phi0)); third_wave [m]: gap +
+    a cos(3 phi).
     """
 
     stiffness: float = 1.0
@@ -70,6 +71,7 @@ class RowGeometry:
     wear: Wear = field(default_factory=Wear)
     oval_amplitude: float = 0.0
     oval_angle: float = 0.0
+    third_wave: float = 0.0
 
 
 MOTION, ROLLERS, READING = 'motion', 'rollers', 'reading'

@@ -61,7 +61,8 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
     wear = geometry.wear.profile(angle)
     gap = (half_gap + geometry.wear.gap * wear
            + geometry.gap_spread * mixed(row.rollers)
-           + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle)))
+           + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle))
+           + geometry.third_wave * np.cos(3.0 * angle))
     order = np.argsort(-cosine, kind='stable')
     return np.stack([cosine, 1.0 - geometry.wear.loss * wear, gap])[:, order]
 
@@ -71,7 +72,8 @@ def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...]
           twins: bool) -> Rows:
     """Rows of upper, lower and radial geometry; `twins`: equal mirror twins share a place."""
     equal = [
-        twins and part.wear.loss == part.wear.gap == part.oval_amplitude == part.gap_spread == 0.0
+        twins and not any((part.wear.loss, part.wear.gap, part.oval_amplitude, part.third_wave,
+                           part.gap_spread))
         for part in geometry]
     # The kernels have one number of places for both axial rows.
     equal[0] = equal[1] = equal[0] and equal[1]

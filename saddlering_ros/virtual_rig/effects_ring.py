@@ -232,6 +232,24 @@ def out_of_round(rollers: Rollers, values: Mapping[str, float], form: str) -> No
     rollers.of('middle')[:, at.GAP] += values['amplitude'] * np.cos(2.0 * angle)
 
 
+@effect('axial_flatness', 'rollers', T,
+        [TrueSize('amplitude', 'm', 3e-6, 20e-6, 8e-6, signed=True),
+         TrueSize('angle', 'rad', 0.0, math.pi / 4, 0.2),
+         TrueSize('rows', '1', 0.0, 3.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0))],
+        ('saddle', 'three_waves'))
+def axial_flatness(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """The axial raceways are bent: rows 0 both alike, 1 opposite, 2 upper, 3 lower."""
+    for row, bent in (('upper', values['rows'] != 3.0), ('lower', values['rows'] != 2.0)):
+        if not bent:
+            continue
+        angle = rollers.angles(row) - values['angle']
+        wave = np.cos(2.0 * angle)
+        if form == 'three_waves':
+            wave += 0.3 * np.cos(3.0 * angle + 1.0)
+        sign = -1.0 if row == 'lower' and values['rows'] == 1.0 else 1.0
+        rollers.of(row)[:, at.GAP] += sign * values['amplitude'] * wave
+
+
 @effect('damping_law', 'rollers', X_AND_T, [TrueSize('share', '1', 0.3, 1.0, 0.7)],
         ('hunt_crossley', 'linear', 'exponent_1_5', 'threshold'), dynamic_only=True)
 def damping_law(rollers: Rollers, values: Mapping[str, float], form: str) -> None:

@@ -31,7 +31,8 @@ RING = {
     'radial_friction', 'tilt_friction', 'radial_clearance', 'axial_clearance',
     'radial_compliance', 'tilt_compliance', 'axial_compliance', 'bolt_opening',
     'ring_ovalisation', 'unequal_rows', 'worn_sector_axial', 'worn_sector_radial',
-    'out_of_round', 'film_creep', 'settling', 'damping_law', 'carriage_resonance',
+    'out_of_round', 'axial_flatness', 'film_creep', 'settling', 'damping_law',
+    'carriage_resonance',
 }
 MEASUREMENT = {
     'probe_height', 'probe_bracket', 'probe_gain', 'probe_nonlinearity', 'probe_drift',

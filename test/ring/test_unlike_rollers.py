@@ -28,15 +28,20 @@ def test_clearances_are_even_in_all_and_unlike_from_roller_to_roller(count: int)
 def test_the_ring_rests_where_the_sum_of_such_rollers_balances_the_load() -> None:
     effects = {'axial_clearance': {'change': 1.4e-5, 'spread': 1.0},
                'radial_clearance': {'change': 1e-5, 'spread': 0.5},
+               'axial_flatness': {'amplitude': 6e-6, 'angle': 0.3, 'third': 0.5,
+                                  'rows': 1.0},
                'out_of_round': {'amplitude': 4e-6, 'angle': 0.4}}
     motion = static_batch(RIG, TRUE_TO_SCALE.to_array()[None], ELEVATION, LOADS,
                           [extension_of(effects)])[0]
     upper, lower, middle = reference.contact_rows(RIG, TRUE_TO_SCALE)
     axial = 7e-6 * (1.0 + mixed(RIG.axial_rows.rollers))
-    angles = np.linspace(0.0, 2.0 * np.pi, RIG.radial_row.rollers, endpoint=False)
+    bent, angles = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+                    for count in (RIG.axial_rows.rollers, RIG.radial_row.rollers))
+    saddle = 6e-6 * (np.cos(2.0 * (bent - 0.3)) + 0.5 * np.cos(3.0 * bent))
     radial = (5e-6 * (1.0 + 0.5 * mixed(RIG.radial_row.rollers))
               + 4e-6 * np.cos(2.0 * (angles - 0.4)))
-    rows = (replace(upper, gap=upper.gap + axial), replace(lower, gap=lower.gap + axial),
+    rows = (replace(upper, gap=upper.gap + axial + saddle),
+            replace(lower, gap=lower.gap + axial - saddle),
             replace(middle, gap=middle.gap + radial))
     for load, q in zip(LOADS, motion.T, strict=True):
         external = reference.external_force(RIG, load, ELEVATION)

@@ -76,9 +76,10 @@ def test_every_agreed_effect_is_there():
     words = """load_gain load_offset load_nonlinearity cylinder_friction elevation_error moment_arm
         bracket_play radial_friction tilt_friction radial_clearance axial_clearance
         radial_compliance tilt_compliance axial_compliance bolt_opening ring_ovalisation
-        unequal_rows worn_sector_axial worn_sector_radial out_of_round film_creep settling
-        damping_law carriage_resonance probe_height probe_bracket probe_gain probe_nonlinearity
-        probe_drift probe_lag clock_offset mains_pickup probe_saturation"""
+        unequal_rows worn_sector_axial worn_sector_radial out_of_round axial_flatness
+        film_creep settling damping_law carriage_resonance probe_height probe_bracket
+        probe_gain probe_nonlinearity probe_drift probe_lag clock_offset mains_pickup
+        probe_saturation"""
     assert set(words.split()) <= set(EFFECTS)
 
 

@@ -1,0 +1,36 @@
+"""Axial raceways out of flat: axial gap + a (cos(2 (phi - phi0)) + t cos(3 phi))."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Choice, EffectParameter, Variant
+from saddlering_ros.effects.common_shapes import OvalGap
+from saddlering_ros.effects.extension import RingExtension
+
+SIGNS = {0.0: (1.0, 1.0), 1.0: (1.0, -1.0), 2.0: (1.0, 0.0), 3.0: (0.0, 1.0)}
+"""Signs of the change of the gap in the upper and in the lower row, by the choice of rows."""
+LABELS = ('both rows alike', 'upper and lower row opposite', 'upper row', 'lower row')
+
+
+class AxialFlatness(OvalGap):
+    title = 'Axial raceways out of flat'
+    words = ('The axial raceways or their mounting face are bent like a saddle, so that the gap '
+             'of the rollers has two maxima around the ring. Rollers come into contact later at '
+             'two opposite places and earlier between them. A worn arc there acts much alike.')
+    channels = ('delta_y', 'gamma')
+    parameters = (*OvalGap.parameters, EffectParameter(
+        'third', '1', -1.0, 1.0, 0.2, 0.0,
+        'share of a wave with three maxima, one of them at the rear'))
+    variants = tuple(Variant(label, {'rows': rows})
+                     for rows, label in zip(SIGNS, LABELS, strict=True))
+    choices = (Choice('rows', tuple(SIGNS), '0 both rows alike, 1 opposite (a bent ring), 2 '
+                      'upper, 3 lower'),)
+    form = 0.2  # real raceways have waves of higher orders, too
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        upper, lower = (
+            replace(row, oval_amplitude=sign * values['amplitude'], oval_angle=values['angle'],
+                    third_wave=sign * values['amplitude'] * values['third'])
+            for sign, row in zip(SIGNS[values['rows']],
+                                 (extension.upper_row, extension.lower_row), strict=True))
+        return replace(extension, upper_row=upper, lower_row=lower)
