@@ -186,7 +186,9 @@ def stopped_effects(space: spaces.ModelSpace, fit: Fit) -> set[str]:
 
 
 def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]:
-    """A sentence if the main cause may be absent, or another effect, by its 95 % intervals.
+    """Sentences if the main cause, or a second one of a ring, may be absent or another effect.
+
+    By their 95 % intervals; a second cause of other machines is asked for its shape alone.
 
     A declared model error is all in these intervals, and has a limit of its own. What a cause
     takes is no sign that it is present where laws err: an arc of 0.3 +- 0.4 took 90 % for a
@@ -197,9 +199,12 @@ def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]
     main, name = published.main, published.main.definition.size.name
     low, high = main.parameters[name].interval or (-np.inf, np.inf)
     # Where the size that takes this lies beyond the interval, a stand-in takes it.
-    is_present = space.problem.assumptions.exact_laws and takes_most(main) and (
+    is_exact = space.problem.assumptions.exact_laws
+    is_present = is_exact and takes_most(main) and (
         low <= published.plain.point.effects[main.effect][name] <= high)
-    return uncertainties_of(main, space.problem.titles[main.effect], is_present)
+    return [sentence for cause in published.causes for sentence in uncertainties_of(
+        cause, space.problem.titles[cause.effect],
+        is_present if cause is main else is_exact or takes_most(cause))]
 
 
 def takes_most(cause: Cause) -> bool:
