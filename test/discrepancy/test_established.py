@@ -120,6 +120,14 @@ def test_a_main_cause_is_established_and_what_it_leaves_is_stated(seed: int) -> 
     assert interval[0] < answer.gain.held_out < interval[1]
 
 
+def test_a_published_size_at_its_bound_is_no_name_beside_model_error() -> None:
+    narrow = Effect('Dry friction', {'size': Parameter(-1, 0.3014)})
+    assert found(0.3, 0.08, seed=2).verdict == 'named'
+    answer = found(0.3, 0.08, replace(MODEL, effects={**MODEL.effects, 'friction': narrow}), 2)
+    assert answer.verdict == 'unknown'
+    assert any('is at the bound of' in warning for warning in answer.warnings)
+
+
 @pytest.mark.parametrize('rests', [(), ('a rest',)])
 def test_no_warning_tells_of_a_remainder_where_the_declared_error_covers_it(
         rests: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:

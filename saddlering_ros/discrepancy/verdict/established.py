@@ -20,7 +20,11 @@ from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_
 from saddlering_ros.discrepancy.search.small_errors import Model
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
-from saddlering_ros.discrepancy.verdict.published import Publication, sizes_at_bounds
+from saddlering_ros.discrepancy.verdict.published import (
+    causes_at_bounds,
+    Publication,
+    sizes_at_bounds,
+)
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import percent, quantity, span
@@ -261,6 +265,9 @@ def doubts_beside_error(
               *narrow, *(wrong_law.unlike_channels(alone.space, published.plain)
                          or wrong_law.unlike_channels_unpatched(alone.space, search, published)),
               *uncertain_law(space, published), *uneven_rest(published.fits)]
+    # The published size may be at a bound where that beside model error is not.
+    doubts += [one for one in causes_at_bounds(space.problem, published.fits.after)
+               if one not in doubts]
     if most_dropped > MAINLY * published.power_of(main):
         doubts.append(wording.AS_LARGE)
     return doubts, 0.0 if narrow else published.shares.best

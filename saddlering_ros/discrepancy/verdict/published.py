@@ -261,11 +261,16 @@ def with_form_error(
     return sizes
 
 
+def causes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
+    """A sentence for every effect whose size is at its bound."""
+    return [wording.SIZE_AT_BOUND.format(
+                problem.titles[effect.id], effect.size.name, quantity(value, effect.size.unit))
+            for effect, value in stopped_sizes(fit)]
+
+
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     """A sentence for every effect whose size is at its bound, and one on bounds of the base."""
-    return [*(wording.SIZE_AT_BOUND.format(
-                problem.titles[effect.id], effect.size.name, quantity(value, effect.size.unit))
-              for effect, value in stopped_sizes(fit)), *base_at_bounds(problem, fit)]
+    return [*causes_at_bounds(problem, fit), *base_at_bounds(problem, fit)]
 
 
 def base_at_bounds(problem: Problem, fit: Fit) -> list[str]:
