@@ -89,7 +89,8 @@ class OvalGap(RingEffect):
         EffectParameter('angle', 'rad', 0.0, math.pi / 4, 0.2, 0.2,
                         'phi0 of the widest gap, from the rear', one_sided=True))
     # Not at 0, where the mirror image makes every change of the angle vanish.
-    starts = ({'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
+    starts: ClassVar[tuple[Mapping[str, float], ...]] = (
+        {'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
 
 
 MOVES = 'a misfit that moves with the probe'
