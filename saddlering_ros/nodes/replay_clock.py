@@ -53,8 +53,9 @@ LINGER = 0.5
 LONGEST_WATCHED = 60.0
 """Longest time [s] at the end in which a live page may still receive what was published."""
 
-HEED = 0.1
-"""Time [s] that the clock stands after it has announced its bag."""
+HEED, LONGEST_HEED = 0.1, 2.0
+"""Times [s] that the clock stands after it has announced its bag: at least, and until every reader
+has the announcement. A reader that was killed never has."""
 
 OF_EVERY_PROGRAM, UNNAMED = 'ros_discovery_info', '_NODE_NAME_UNKNOWN_'
 """A topic that every ROS program publishes once, and the name of a node until it is known."""
@@ -174,7 +175,9 @@ class ReplayClockNode(BagNode):
 
     def _wait(self, now: float) -> None:
         self._waiting_for = absent = self._group.absent()
-        if now - self._began < HEED:
+        stood = now - self._began
+        if stood < HEED or (stood < LONGEST_HEED and not (
+                self._state_publisher.wait_for_all_acked(Duration(seconds=0)))):
             return  # so that every node has received the bag and its elevation
         if not absent:
             # Readers besides the participants that would miss the first messages. A clock that

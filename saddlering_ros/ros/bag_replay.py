@@ -137,7 +137,8 @@ class ReplayNode(BagNode):
         super().__init__(name)
         self._topics = topics_of(name)
         self._state = ReplayState()
-        self.create_subscription(ReplayState, STATE, partial(setattr, self, '_state'), LATCHED)
+        self._states = self.create_subscription(
+            ReplayState, STATE, partial(setattr, self, '_state'), LATCHED)
 
     def configure(self) -> None:
         record = self.read_record(self._topics)
@@ -160,6 +161,9 @@ class ReplayNode(BagNode):
                         for track in self._tracks]
 
     def process_batch(self) -> None:
+        # The bag that the clock announced comes before its time, which no executor serves.
+        while taken := self._states.handle.take_message(ReplayState, False):
+            self._state = taken[0]
         for now in self._clock_flow.take_each(decode_time):
             self._heard = time.monotonic()
             self._follow(now)

@@ -130,6 +130,19 @@ def test_a_replay_starts_without_a_live_page_and_knows_how_far_the_page_is_behin
     assert group.spectators_lag(1.0) == 0
 
 
+def test_a_replaying_node_knows_the_bag_of_the_clock_before_it_heeds_its_time() -> None:
+    """On a busy machine 100 samples of another bag were published before the announcement came."""
+    followed: list[tuple[int, str]] = []
+    announced = [(ReplayState(bag='other'), None)]
+    own: Any = SimpleNamespace(
+        _state=ReplayState(), _clock_flow=SimpleNamespace(take_each=lambda _: [1, 2]),
+        _states=SimpleNamespace(handle=SimpleNamespace(
+            take_message=lambda *_: announced.pop() if announced else None)),
+        _follow=lambda now: followed.append((now, own._state.bag)))
+    ReplayNode.process_batch(own)
+    assert followed == [(1, 'other'), (2, 'other')]
+
+
 def test_load_and_probes_of_two_bags_are_not_mixed(
         bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
     """Each node is set by itself, and both recordings may have the same stamps."""
