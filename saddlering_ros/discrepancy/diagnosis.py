@@ -128,25 +128,39 @@ FEW_SAMPLES = 0.01
 """Share of the samples of a run that hold half of the power of a misfit only where a recorder
 errs, or in a shock. Of normal noise they hold 7 %."""
 
+CODE_SAMPLES = 0.25
+"""The same of samples of one value that lies further from all others than these from each other:
+the code of a recorder for no reading. Thirty of 500 went without a word."""
+
 
 def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
     """A sentence for each channel of which few samples of a run hold most of the misfit."""
     problem, found = diagnosis.fits.metric.problem, dict[str, str]()
     for one in diagnosis.runs:
-        for residual, (name, scale) in zip(
-                one.after - one.run.channels, problem.view_ranges.items(), strict=True):
-            powers = problem.freed(residual, one.run, name) ** 2
-            powers *= problem.sample_weights(one.run, name) > 0.0
+        for residual, readings, (name, scale) in zip(
+                one.after - one.run.channels, one.run.channels, problem.view_ranges.items(),
+                strict=True):
+            there = problem.sample_weights(one.run, name) > 0.0
+            powers = problem.freed(residual, one.run, name) ** 2 * there
             order = np.argsort(-powers)
             held = np.cumsum(powers[order]) / max(powers.sum(), 1e-300)
             count = 1 + int(np.searchsorted(held, 0.5))
-            if count <= max(FEW_SAMPLES * powers.size, 1) and (
+            is_code = _is_code(float(readings[order[0]]), readings[there])
+            few = CODE_SAMPLES if is_code else FEW_SAMPLES
+            if count <= max(few * powers.size, 1) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
                 found.setdefault(name, wording.FEW_SAMPLES.format(
                     name, one.run.name, count, powers.size,
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
                     percent(held[count - 1])))
     return [*found.values()]
+
+
+def _is_code(value: float, readings: Array) -> bool:
+    """Whether a value is repeated among readings (N,), and far from all others."""
+    others = readings[readings != value]
+    return 0 < others.size < readings.size - 1 and bool(
+        np.abs(others - value).min() > np.ptp(others))
 
 
 OPEN = {'none': 0.5, 'unknown': 0.5}

@@ -238,6 +238,16 @@ def test_few_readings_that_hold_the_misfit_are_told() -> None:
     assert not few(found(straight))
 
 
+@pytest.mark.parametrize(('code', 'is_told'), [(-999.25, True), (-9999.0, True), (0.5, False)])
+def test_a_recorder_that_writes_a_code_for_no_reading_is_told(code: float, is_told: bool) -> None:
+    """Thirty codes in one of three runs went without a word, beside a complete verdict."""
+    runs = [record(number) for number in range(3)]
+    readings = np.where(np.arange(200) // 12 == 5, code, runs[0].outputs['y'])
+    answer = diagnose(lines(straight), [replace(runs[0], outputs={'y': readings}), *runs[1:]])
+    assert is_told == any('y in run 0: ' in one and ' of 200 samples, the largest at ' in one
+                          for one in answer.warnings)
+
+
 def test_a_free_constant_of_a_thousand_ranges_hides_no_cause() -> None:
     free = replace(lines(straight), channels={'y': Channel(offset='free')})
     size, rest = [], []
