@@ -409,15 +409,10 @@ def with_swapped_probes(point: Point) -> Point:
 
 def on_slewed_ring(point: Point) -> Point:
     """The same with the ring turned by a quarter, so that an oval and worn arcs lie elsewhere."""
-    effects = {}
-    for name, values in point.effects.items():
-        effects[name] = dict(values)
-        if name in ('axial_flatness', 'out_of_round'):
-            effects[name]['amplitude'] *= -1.0
-        elif name in ('worn_sector_axial', 'worn_sector_radial'):
-            centre = values['centre'] + math.pi / 2
-            effects[name]['centre'] = min(centre, 2.0 * math.pi - centre)
-    return Point(point.base, effects)
+    known = catalogue()
+    return Point(point.base, {
+        name: known[name].slewed(values) if name in known else values
+        for name, values in point.effects.items()})
 
 
 def load_run(

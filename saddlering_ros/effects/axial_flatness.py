@@ -16,7 +16,8 @@ class AxialFlatness(OvalGap):
     title = 'Axial raceways out of flat'
     words = ('The axial raceways or their mounting face are bent like a saddle, so that the gap '
              'of the rollers has two maxima around the ring. Rollers come into contact later at '
-             'two opposite places and earlier between them. A worn arc there acts much alike.')
+             'two opposite places and earlier between them. A worn arc at these places has almost '
+             'the same effect.')
     channels = ('delta_y', 'gamma')
     parameters = (*OvalGap.parameters, EffectParameter(
         'third', '1', -1.0, 1.0, 0.2, 0.0,
@@ -28,6 +29,10 @@ class AxialFlatness(OvalGap):
     choices = (Choice('rows', tuple(SIGNS), '0 both rows alike, 1 opposite (a bent ring), 2 '
                       'upper, 3 lower'),)
     form = 0.2  # real raceways have waves of higher orders, too
+
+    def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
+        # A turned wave of three maxima has its mirror image of the other sign: it moves nothing.
+        return {**super().slewed(values), 'third': 0.0}
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         upper, lower = (

@@ -170,6 +170,10 @@ class RingEffect:
                                          if isinstance(before, tuple) else before + value)
         return replace(extension, **changed)
 
+    def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values after the ring is turned by a quarter; the same where nothing turns with it."""
+        return dict(values)
+
     def parameters_on(self, rig: Rig | None) -> tuple[EffectParameter, ...]:
         """All parameters with the bounds of a rig; None: the rig of the catalogue."""
         if rig is None:

@@ -92,6 +92,9 @@ class OvalGap(RingEffect):
     starts: ClassVar[tuple[Mapping[str, float], ...]] = (
         {'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
 
+    def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {**values, 'amplitude': -values['amplitude']}
+
 
 MOVES = 'a misfit that moves with the probe'
 """Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
@@ -180,3 +183,7 @@ class WornSector(RingEffect):
     # the place between and the load zone at the front, to show where an arc is not visible.
     starts = ({'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
               {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})
+
+    def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
+        centre = values['centre'] + math.pi / 2
+        return {**values, 'centre': min(centre, 2.0 * math.pi - centre)}
