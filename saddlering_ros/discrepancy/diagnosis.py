@@ -129,8 +129,9 @@ FEW_SAMPLES = 0.01
 errs, or in a shock. Of normal noise they hold 7 %."""
 
 CODE_SAMPLES = 0.25
-"""The same of samples of one value that lies further from all others than these from each other:
-the code of a recorder for no reading. Thirty of 500 went without a word."""
+"""The same share if the samples have one value that differs from all others by more than the range
+of the others. Such a value is the code of a recorder for a missing reading. Thirty codes in 500
+samples had no warning."""
 
 
 def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
@@ -157,7 +158,7 @@ def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
 
 
 def _is_code(value: float, readings: Array) -> bool:
-    """Whether a value is repeated among readings (N,), and far from all others."""
+    """Whether a value occurs again in readings (N,), and is far from all other values."""
     others = readings[readings != value]
     return 0 < others.size < readings.size - 1 and bool(
         np.abs(others - value).min() > np.ptp(others))

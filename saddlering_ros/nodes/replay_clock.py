@@ -54,8 +54,8 @@ LONGEST_WATCHED = 60.0
 """Longest time [s] at the end in which a live page may still receive what was published."""
 
 HEED, LONGEST_HEED = 0.1, 2.0
-"""Times [s] that the clock stands after it has announced its bag: at least, and until every reader
-has the announcement. A reader that was killed never has."""
+"""Shortest and longest time [s] that the clock stands after it has announced its bag, until every
+reader has acknowledged the announcement. A killed reader never acknowledges."""
 
 OF_EVERY_PROGRAM, UNNAMED = 'ros_discovery_info', '_NODE_NAME_UNKNOWN_'
 """A topic that every ROS program publishes once, and the name of a node until it is known."""

@@ -161,7 +161,7 @@ class ReplayNode(BagNode):
                         for track in self._tracks]
 
     def process_batch(self) -> None:
-        # The bag that the clock announced comes before its time, which no executor serves.
+        # The executor could serve the announced bag after these messages of /clock.
         while taken := self._states.handle.take_message(ReplayState, False):
             self._state = taken[0]
         for now in self._clock_flow.take_each(decode_time):

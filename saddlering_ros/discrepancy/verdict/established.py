@@ -190,9 +190,9 @@ def stopped_effects(space: spaces.ModelSpace, fit: Fit) -> set[str]:
 
 
 def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]:
-    """Sentences if the main cause, or a second one of a ring, may be absent or another effect.
+    """A sentence for each cause whose 95 % interval includes its absence or another effect.
 
-    By their 95 % intervals; a second cause of other machines is asked for its shape alone.
+    Of a second cause only the shapes are examined where laws are exact, thus not on rings.
 
     A declared model error is all in these intervals, and has a limit of its own. What a cause
     takes is no sign that it is present where laws err: an arc of 0.3 +- 0.4 took 90 % for a
