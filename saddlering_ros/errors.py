@@ -74,18 +74,11 @@ def refuse_unknown_keys(
     raise error(f'{where}: {inside} ({", ".join(sorted(unknown))}): {remedy}{listed}')
 
 
-def plain_number(text: str) -> float:
-    """The number of a text in decimal digits; ValueError for anything else.
+def plain_number(text: str, kind: type[float] = float) -> float:
+    """The number (of a kind, float or int) in decimal digits; ValueError for anything else.
 
     Python also reads 1_0 as ten, and the digits of other scripts, which people write by mistake.
     """
     if '_' in text or not text.isascii():
         raise ValueError(f'{text!r} is no number in decimal digits')
-    return float(text)
-
-
-def whole_number(text: str) -> int:
-    """The whole number of a text in decimal digits; ValueError for anything else."""
-    if '_' in text or not text.isascii():
-        raise ValueError(f'{text!r} is no whole number in decimal digits')
-    return int(text)
+    return kind(text)

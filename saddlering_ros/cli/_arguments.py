@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
 from dataclasses import dataclass
+from functools import partial
 import json
 import math
 import os
@@ -15,14 +16,13 @@ import sys
 from typing import Any, NoReturn, TYPE_CHECKING
 
 from saddlering_ros import errors, files
-from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError, whole_number
+from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.files import FileConflict
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from saddlering_ros import Bag, Rig
-    from saddlering_ros.api.results import ParametricResult, Result
+    from saddlering_ros import Rig
     from saddlering_ros.progress import Progress
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet
@@ -37,7 +37,7 @@ class OneLineParser(argparse.ArgumentParser):
         kwargs.setdefault('formatter_class', HelpFormatter)
         super().__init__(*args, **kwargs)
         self.register('type', float, plain_number)
-        self.register('type', int, whole_number)
+        self.register('type', int, partial(plain_number, kind=int))
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; an unknown option is refused with the most similar one."""
@@ -105,19 +105,6 @@ class Command:
     examples: tuple[tuple[str, str], ...]
     untried: str = ''
 
-    def add_to(self, subparsers: Any) -> None:
-        parser = subparsers.add_parser(self.name, help=self.words, description=self.description,
-                                       epilog=examples_text(self.examples))
-        for add in self.options:
-            add(parser)
-        parser.add_argument('--traceback', action='store_true', default=argparse.SUPPRESS,
-                            help=TRACEBACK_WORDS)
-        parser.set_defaults(arguments=parser._actions)
-
-
-TRACEBACK_WORDS = 'show the place in the code where an error occurred'
-
-
 def examples_text(examples: Sequence[tuple[str, str]]) -> str:
     """Examples of a command, each with its meaning, as its help shows them."""
     return 'examples:\n' + '\n'.join(f'  # {words}\n  {line}' for line, words in examples)
@@ -132,7 +119,7 @@ class Within:
         self.__name__ = kind.__name__  # of a message of argparse
 
     def __call__(self, text: str) -> float:
-        return plain_number(text) if self.kind is float else whole_number(text)
+        return plain_number(text, self.kind)
 
 
 def check_ranges(args: argparse.Namespace) -> None:
@@ -267,6 +254,8 @@ NETWORK = (
            'the root)', default='', metavar='NS'))
 """The ROS domain and the namespace of the rig."""
 
+TRACEBACK = option('--traceback', 'show the place in the code where an error occurred',
+                   action='store_true', default=argparse.SUPPRESS)
 OVERWRITE = option('--overwrite', 'replace an existing bag', action='store_true')
 
 
@@ -308,18 +297,8 @@ def take_effects(args: argparse.Namespace) -> None:
     """Take the user's own effects into the catalogue, if a folder is given."""
     from saddlering_ros.effects import use_folder
 
-    if args.effects is not None:
+    if getattr(args, 'effects', None) is not None:
         use_folder(args.effects)
-
-
-def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
-    """The bags at these paths, read once, with the metadata of the options."""
-    from saddlering_ros import read_bag
-
-    with Bar() as bar:
-        return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
-                         on_progress=bar.tell)
-                for path in paths]
 
 
 def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
@@ -385,42 +364,6 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
         return True
     files.write_text(args.json, document + '\n')
     return False
-
-
-def finish(args: argparse.Namespace, result: Result,
-           save: Callable[[], Iterable[Path | str]] = tuple) -> int:
-    """Print a result of the API as JSON or as summary, then write and list its files; the status.
-
-    It is told first, so that it is not lost if a file cannot be written. save: writes files of
-    one command; their paths.
-    """
-    is_json_alone, reader_gone = args.json == '-', None
-    try:
-        if is_json_alone:
-            tell_json(args, result.to_json())
-        else:
-            print(result.summary(), flush=True)
-    except BrokenPipeError as problem:  # as with `| head`: the files are wanted all the same
-        reader_gone = problem
-    if args.json is not None and not is_json_alone:
-        tell_json(args, result.to_json())
-    written = [*save()]
-    if args.report is not None:
-        written += result.write_report(args.report, command=args.command_line)
-    if reader_gone is not None:
-        raise reader_gone
-    for path in [] if is_json_alone else written:
-        print(f'written: {path}')
-    return 0
-
-
-def finish_with_parameters(args: argparse.Namespace, result: ParametricResult) -> int:
-    """The same of a result whose parameters --out names a file for."""
-    def save() -> Iterable[Path]:
-        if args.out is not None:
-            result.save_parameters(args.out)
-            yield args.out
-    return finish(args, result, save)
 
 
 class Bar:

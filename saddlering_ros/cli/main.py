@@ -67,12 +67,17 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle ring.')
     parser.add_argument('--version', action=_Version, help='show the version and exit')
-    parser.add_argument('--traceback', action='store_true', help=arguments.TRACEBACK_WORDS)
+    arguments.TRACEBACK(parser)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     commands: dict[str, tuple[arguments.Command, Run]] = {}
     for module in subcommand_modules():
         for command in module.COMMANDS:
-            command.add_to(subparsers)
+            of_command = subparsers.add_parser(
+                command.name, help=command.words, description=command.description,
+                epilog=arguments.examples_text(command.examples))
+            for add in (*command.options, arguments.TRACEBACK):
+                add(of_command)
+            of_command.set_defaults(arguments=of_command._actions)
             commands[command.name] = command, module.run
     parser.epilog = arguments.examples_text([
         commands[name][0].examples[0] for name in SHOWN if name in commands])
