@@ -13,14 +13,13 @@ from concurrent import futures
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 import os
-from pathlib import Path
 import threading
 import time
 from typing import Any
 from urllib.parse import urlsplit
 
 from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Status, Store
-from saddlering_ros.campaign.task import failure, SessionTask, task_from
+from saddlering_ros.campaign.task import failure, SessionTask
 from saddlering_ros.errors import Cancelled, SaddleringError
 from saddlering_ros.files import versions_in_use
 from saddlering_ros.jobs.worker import DONE, Worker
@@ -59,7 +58,7 @@ class Slot:
             self._worker = Worker('saddlering_ros.campaign.task', ONE_THREAD)
         end = time.monotonic() + task.limits.seconds
         try:
-            outcome = self._worker.run(task.as_dict(), lambda progress: None,
+            outcome = self._worker.run(task, lambda progress: None,
                                        lambda: self._stopped or time.monotonic() > end)
         except Cancelled:
             if self._stopped:
@@ -98,9 +97,8 @@ class _Thread(threading.local):
 _THREAD = _Thread()
 
 
-def execute(document: dict[str, Any], folder: str) -> str:
-    """What an executor is given: judge a task's plain data, unless it has a result; its key."""
-    task, store = task_from(document), Store(Path(folder))
+def execute(task: SessionTask, store: Store) -> str:
+    """What an executor is given: judge a task, unless it has a result; its key."""
     if not store.has_result(task.key, task.attempt):
         began = time.monotonic()
         answer = _THREAD.slot.judge(task)
@@ -184,12 +182,12 @@ def run_campaign(
     running: dict[futures.Future[str], SessionTask] = {}
     lost: Counter[str] = Counter()
     store.write_status(status)
+    there = Store(store.folder.resolve())  # also for a worker in another folder
     try:
         while waiting or running:
             while waiting and len(running) < TASKS_A_SLOT * workers.slots:
                 task = waiting.popleft()
-                running[workers.executor.submit(
-                    execute, task.as_dict(), str(store.folder.resolve()))] = task
+                running[workers.executor.submit(execute, task, there)] = task
             finished, _ = futures.wait(
                 running, timeout=HEARTBEAT, return_when=futures.FIRST_COMPLETED)
             is_late = not finished

@@ -86,13 +86,6 @@ class SessionTask:
         return asdict(self)
 
 
-def task_from(document: Mapping[str, Any]) -> SessionTask:
-    """The task whose plain data these are."""
-    return SessionTask(**{
-        **document, 'bags': tuple(TaskBag(**bag) for bag in document['bags']),
-        'limits': SessionLimits(**document['limits']), 'effects': tuple(document['effects'])})
-
-
 def tasks_of(
     sessions: Sequence[Session], rig: Path | None = None, limits: SessionLimits | None = None, *,
     compute: str = VERDICT, reports: Path | None = None,
@@ -126,9 +119,8 @@ def _own_effects() -> tuple[str, ...]:
     return tuple(sorted(origin.sha256 for origin in origins()))
 
 
-def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
-    """Judge the session of a task's plain data within its memory; a failure is an answer too."""
-    task = task_from(request)
+def run(task: SessionTask, on_progress: OnProgress) -> dict[str, Any]:
+    """Judge the session of a task within its memory; a failure is an answer too."""
     try:
         compute = resolve_name(task.compute)
         # Allow `memory` bytes of address space beyond those mapped already.

@@ -88,12 +88,9 @@ def judge_fleet(
     inflation = statistics.scatter_inflation(list(measured.values()))
     unlike, population = {}, None
     if len(measured) >= statistics.MIN_RINGS:
-        # Each ring is the weighted mean of its sessions.
-        weights = [np.linalg.inv(inflation * spread) for _, spread in measured.values()]
-        spreads = np.array([np.linalg.inv(weight.sum(axis=0)) for weight in weights])
-        means = np.array([spread @ np.einsum('sij,sj->i', weight, values) for spread, weight, (
-            values, _) in zip(spreads, weights, measured.values(), strict=True)])
-        judgements, population = statistics.unlike_sisters(means, spreads)
+        means, spreads, _ = zip(*(statistics.weighted_mean(values, inflation * spread)
+                                  for values, spread in measured.values()), strict=True)
+        judgements, population = statistics.unlike_sisters(np.array(means), np.array(spreads))
         unlike = dict(zip(measured, judgements, strict=True))
     histories = {ring: history.histories_of(ring, [
         replace(one, covariance=inflation * one.covariance) for one in tests])

@@ -172,8 +172,10 @@ def scatter_inflation(rings: Sequence[tuple[Array, Array]]) -> float:
     return max(1.0, float(np.median(ratios) / chi2.median(len(COORDINATES)))) if ratios else 1.0
 
 
-def _weighted(means: Array, covariances: Array, between: Array) -> tuple[Array, Array, Array]:
-    """Mean (P,) of rings, its covariance (P, P), and the weight (R, P, P) of each ring."""
+def weighted_mean(
+    means: Array, covariances: Array, between: Array | float = 0.0,
+) -> tuple[Array, Array, Array]:
+    """Mean (P,) of R values, its covariance (P, P), and the weight (R, P, P) of each value."""
     weights = np.linalg.inv(covariances + between)
     mean_covariance = np.linalg.inv(weights.sum(axis=0))
     mean = mean_covariance @ np.einsum('rij,rj->i', weights, means)
@@ -196,7 +198,7 @@ def fit_population(means: Array, covariances: Array) -> Population:
 
     def cost(theta: Array) -> float:
         spread = between(theta)
-        mean, mean_covariance, weights = _weighted(scaled, scaled_covariances, spread)
+        mean, mean_covariance, weights = weighted_mean(scaled, scaled_covariances, spread)
         apart = scaled - mean
         quadratic = np.einsum('ri,rij,rj->', apart, weights, apart)
         logs = (np.linalg.slogdet(scaled_covariances + spread)[1].sum()
@@ -206,7 +208,7 @@ def fit_population(means: Array, covariances: Array) -> Population:
     is_diagonal = lower[0] == lower[1]
     optimum = minimize(cost, np.where(is_diagonal, -0.5, 0.0), method='L-BFGS-B', bounds=[
         (-9.0, 4.0) if here else (-20.0, 20.0) for here in is_diagonal])
-    mean, mean_covariance, _ = _weighted(scaled, scaled_covariances, between(optimum.x))
+    mean, mean_covariance, _ = weighted_mean(scaled, scaled_covariances, between(optimum.x))
     return Population(mean * scale, mean_covariance * both, between(optimum.x) * both)
 
 

@@ -32,6 +32,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import lambertw
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
@@ -178,13 +179,9 @@ def wander_limit(
     if noise.wander <= 0.0 or noise.memory <= 0.0:
         return 0.0
     times = 3600.0 * false_alarm_hours * -math.log(noise.memory) / block
-    allowed = WANDER_SHARE / (2.0 * channels * max(times, 1.0))
-    low, high = 1.0, 40.0
-    for _ in range(60):
-        z = 0.5 * (low + high)
-        rate = z * math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-        low, high = (z, high) if rate > allowed else (low, z)
-    return high * math.sqrt(noise.wander)
+    allowed = WANDER_SHARE / (2.0 * channels * max(times, 1.0))  # z phi(z), of which z > 1
+    z = math.sqrt(-lambertw(-2.0 * math.pi * allowed**2, -1).real)
+    return z * math.sqrt(noise.wander)
 
 
 @dataclass(frozen=True)

@@ -229,12 +229,6 @@ def _legible(text: str) -> str:
                    for sign in text)
 
 
-def _families_for(text: str) -> list[str]:
-    """The usual font, and for each sign that it lacks an installed one."""
-    others = (_font_with(sign) for sign in text if not sign.isascii())
-    return [*dict.fromkeys([USUAL_FONT, *filter(None, others)])]
-
-
 @cache
 def _font_with(sign: str) -> str:
     """The usual font if it has the sign, else an installed one, else ''."""
@@ -264,7 +258,9 @@ def draw(chart: Chart) -> Figure:
         if handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
         for text in figure.findobj(Text):
-            text.set_fontfamily(_families_for(text.get_text()))
+            # The usual font, and for each sign that it lacks an installed one.
+            others = (_font_with(sign) for sign in text.get_text() if not sign.isascii())
+            text.set_fontfamily([*dict.fromkeys([USUAL_FONT, *filter(None, others)])])
         return figure
 
 

@@ -17,8 +17,8 @@ from saddlering_ros.bags.wire import decode_time, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values
 from saddlering_ros.files import share_directory
-from saddlering_ros.record import RawRecord, RawTopic
-from saddlering_ros.record.batches import Samples, SECOND
+from saddlering_ros.record import RawRecord
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros import parameters
@@ -92,27 +92,6 @@ JUMP = 2 * SECOND
 """A larger step of the clock is a move by hand: samples in between are not published."""
 
 
-class Track:
-    """One topic of the bag and the place the replay has reached in it."""
-
-    def __init__(self, raw: RawTopic) -> None:
-        self.raw = raw
-        self.topic = TOPICS[raw.topic]
-        self.place = 0
-
-    def move_to(self, now: int) -> None:
-        """Go on from `now` [ns] without publishing earlier samples."""
-        self.place = int(np.searchsorted(self.raw.stamps, now, side='right'))
-
-    def due(self, now: int) -> Samples:
-        """The samples up to `now` [ns] that were not given out yet."""
-        start = self.place
-        self.move_to(now)
-        if start // BLOCK != self.place // BLOCK:
-            forget(self.raw.stamps, self.raw.values)
-        return self.raw.samples.pick(slice(start, self.place))
-
-
 def topics_of(node: str) -> list[str]:
     """The topics that a node replays."""
     return [topic.name for topic in TOPICS.values() if topic.replayed_by == node]
@@ -147,7 +126,8 @@ class ReplayNode(BagNode):
         for note in (*record.notes, *(note for name in record for note in record[name].notes)):
             self.get_logger().warning(f'{record.path}: {note}')
         absent = absent_topic(self._rig)
-        self._tracks = [Track(record[name]) for name in record if name != absent]
+        self._replayed = [record[name] for name in record if name != absent]
+        self._places = [0] * len(self._replayed)
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = 0
@@ -157,8 +137,8 @@ class ReplayNode(BagNode):
     def connect(self) -> None:
         self._clock_flow = RawSubscription(self, CLOCK, Clock, depth=100)
         self.inputs = [self._clock_flow]
-        self.outputs = [RawPublisher(self, track.topic.relative, message_class(track.topic.type))
-                        for track in self._tracks]
+        self.outputs = [RawPublisher(self, topic.relative, message_class(topic.type))
+                        for topic in (TOPICS[raw.topic] for raw in self._replayed)]
 
     def process_batch(self) -> None:
         # The executor could serve the announced bag after these messages of /clock.
@@ -169,20 +149,22 @@ class ReplayNode(BagNode):
             self._follow(now)
 
     def _follow(self, now: int) -> None:
-        if self._now == 0 or now < self._now or now - self._now > JUMP:
-            self._jumps += self._now != 0
-            for track in self._tracks:
-                track.move_to(now)
-            self._now = now
-            return
-        self._now = now
-        for track, flow in zip(self._tracks, self.outputs, strict=True):
-            samples = track.due(now)
-            if len(samples) and (mixed := self._mixed()):
+        before, self._now = self._now, now
+        is_jump = before == 0 or now < before or now - before > JUMP
+        self._jumps += is_jump and before != 0
+        for number, (raw, flow) in enumerate(zip(self._replayed, self.outputs, strict=True)):
+            start, stop = self._places[number], int(np.searchsorted(raw.stamps, now, side='right'))
+            self._places[number] = stop
+            if is_jump or start == stop:
+                continue
+            if start // BLOCK != stop // BLOCK:
+                forget(raw.stamps, raw.values)
+            if mixed := self._mixed():
                 self.get_logger().error(mixed, once=True)
-            elif len(samples):
-                messages = encode_samples(samples, track.topic, track.raw.frame_id)
-                flow.send(messages, int(samples.stamps[-1]))
+            else:
+                samples = raw.samples.pick(slice(start, stop))
+                flow.send(encode_samples(samples, TOPICS[raw.topic], raw.frame_id),
+                          int(samples.stamps[-1]))
 
     def _mixed(self) -> str:
         """Why nothing is published, in words: a replay_clock has another bag; '' else."""
@@ -205,7 +187,7 @@ class ReplayNode(BagNode):
         if not self._now:
             return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                               figures)
-        if all(track.place >= len(track.raw) for track in self._tracks):
+        if all(place >= len(raw) for place, raw in zip(self._places, self._replayed, strict=True)):
             return TaskStatus(OK, 'all messages are published', figures)
         silent = time.monotonic() - self._heard
         if silent > 2.0:

@@ -1,7 +1,6 @@
 """Listens to the topics of a rig for some seconds, from any publisher."""
 
 from contextlib import suppress
-from dataclasses import dataclass, field
 import math
 import time
 from typing import Any
@@ -25,53 +24,43 @@ POLL = 0.002
 """Between two looks at what came [s]: two samples of a driver with 1 kHz."""
 
 
-@dataclass
-class _Flow:
-    topic: RigTopic
-    subscription: RawSubscription
-    messages: list[bytes] = field(default_factory=list)
-    arrivals: list[int] = field(default_factory=list)
-
-    def take(self) -> int:
-        messages = self.subscription.take()
-        self.messages += messages
-        self.arrivals += [time.time_ns()] * len(messages)
-        return len(messages)
-
-    def heard(self, node: Node) -> HeardTopic:
-        infos = node.get_publishers_info_by_topic(self.subscription.topic)
-        samples, frame_id = no_samples(), ''
-        with suppress(CdrError):
-            samples = decode_samples(self.messages, self.topic)
-        if len(samples):
-            first: Any = deserialize_message(self.messages[0], message_class(self.topic.type))
-            frame_id = first.header.frame_id
-        return HeardTopic(
-            **vars(samples), arrivals=np.array(self.arrivals[:len(samples)], np.int64),
-            frame_id=frame_id, publishers=len(infos),
-            types=tuple(sorted({info.topic_type for info in infos})))
-
-
 def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, HeardTopic]:
     """The five topics of the rig in `namespace`, by name, over `seconds` from the first sample."""
     context = rclpy.Context()
     rclpy.init(context=context, args=[], domain_id=domain)
     node = rclpy.create_node(NAME, namespace=namespace, context=context)
     try:
-        flows = [_Flow(topic, RawSubscription(node, topic.relative, message_class(topic.type)))
-                 for topic in (LOAD, *PROBES)]
+        flows = {topic: RawSubscription(node, topic.relative, message_class(topic.type))
+                 for topic in (LOAD, *PROBES)}
+        came: dict[RigTopic, list[tuple[int, bytes]]] = {topic: [] for topic in flows}
         wait, reviewed, is_silent = DataWait(context), -math.inf, True
         end = time.monotonic() + FIRST_SAMPLE + seconds
         while (now := time.monotonic()) < end:
             if now - reviewed > 0.2:
                 reviewed = now
-                for flow in flows:
-                    flow.subscription.review()
-            wait.wait([flow.subscription for flow in flows], POLL)
-            if sum(flow.take() for flow in flows) and is_silent:
+                for flow in flows.values():
+                    flow.review()
+            wait.wait([*flows.values()], POLL)
+            for topic, flow in flows.items():
+                came[topic] += [(time.time_ns(), message) for message in flow.take()]
+            if is_silent and any(came.values()):
                 end, is_silent = time.monotonic() + seconds, False
             time.sleep(POLL)
-        return {flow.topic.name: flow.heard(node) for flow in flows}
+        return {topic.name: _heard(node, topic, came[topic]) for topic in flows}
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
+
+
+def _heard(node: Node, topic: RigTopic, came: list[tuple[int, bytes]]) -> HeardTopic:
+    infos = node.get_publishers_info_by_topic(topic.relative)
+    samples, frame_id = no_samples(), ''
+    with suppress(CdrError):
+        samples = decode_samples([message for _, message in came], topic)
+    if len(samples):
+        first: Any = deserialize_message(came[0][1], message_class(topic.type))
+        frame_id = first.header.frame_id
+    return HeardTopic(
+        **vars(samples), frame_id=frame_id, publishers=len(infos),
+        arrivals=np.array([arrival for arrival, _ in came[:len(samples)]], np.int64),
+        types=tuple(sorted({info.topic_type for info in infos})))

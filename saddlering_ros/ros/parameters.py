@@ -117,8 +117,15 @@ def refuse_other_rig(node: Any, refuse: Callable[[Any, Rig], None], stated: Any,
 
 def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
     """Declare `parameters`; their values by name, texts stripped, which follow later changes."""
-    settings = {one.name: _stripped(_declare_one(node, one)) for one in parameters}
-    by_name = {parameter.name: parameter for parameter in parameters}
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    by_name, settings = {parameter.name: parameter for parameter in parameters}, {}
+    for name, one in by_name.items():
+        if name in overrides:
+            given = overrides[name] = one.as_declared(overrides[name])
+            if reason := one.refusal(given.value):
+                raise NodeError(f'{node.get_name()}: parameter {reason}')
+        settings[name] = _stripped(
+            node.declare_parameter(name, one.default, one.descriptor()).value)
 
     def as_declared(changes: list[RosParameter]) -> list[RosParameter]:
         return [by_name[change.name].as_declared(change) if change.name in by_name else change
@@ -151,16 +158,6 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
 
 def _stripped(value: Any) -> Any:
     return value.strip() if isinstance(value, str) else value
-
-
-def _declare_one(node: Node, parameter: NodeParameter) -> Any:
-    overrides: dict[str, RosParameter] = node._parameter_overrides
-    if parameter.name in overrides:
-        given = overrides[parameter.name] = parameter.as_declared(overrides[parameter.name])
-        reason = parameter.refusal(given.value)
-        if reason:
-            raise NodeError(f'{node.get_name()}: parameter {reason}')
-    return node.declare_parameter(parameter.name, parameter.default, parameter.descriptor()).value
 
 
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text',
