@@ -30,7 +30,7 @@ from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.figures import Array, axis_label, MICRO, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MOTION, Rig, short_digest, units
 from saddlering_ros.rig.description import WEAR_LIMITS
-from saddlering_ros.rig.drawing import drawing_svg
+from saddlering_ros.rig.drawing import drawing_svg, ENTRIES, entry_values
 
 ROLES = ('fitted', 'held out')
 DIAGNOSIS = 'What the ring simulation lacks'
@@ -212,31 +212,10 @@ def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
         html.folded(
             'Dimensions of the rig',
             f'<div role="img" aria-label="Drawing of the rig with probes and signs">{svg}</div>',
-            html.table(['dimension', number('value')], dimensions(rig), f'Rig hash {digest}')),
+            html.table(['entry of the rig file (SI units)', number('value'), 'meaning'], [
+                [code(name), str(value), words] for (name, words), value in zip(
+                    ENTRIES, entry_values(rig).values(), strict=True)], f'Rig hash {digest}')),
     ])
-
-
-def dimensions(rig: Rig) -> list[tuple[str, str]]:
-    """The rig's dimensions as a reader checks them."""
-    rows = [
-        (f'{name}, {words}', value)
-        for name, row in (('axial rows (each)', rig.axial_rows), ('radial row', rig.radial_row))
-        for words, value in (('rollers', f'{row.rollers}'),
-                            ('pitch radius', f'{1e3 * row.pitch_radius:g} mm'),
-                            ('clearance', f'{1e6 * row.clearance:g} µm'))]
-    return [
-        *rows,
-        ('radial row, height over the mid-plane', f'{1e3 * (rig.radial_row.height or 0.0):g} mm'),
-        ('trunnion, x and y', f'{1e3 * rig.trunnion.x:g} mm, {1e3 * rig.trunnion.y:g} mm'),
-        ('probes 2 and 4, distance', f'{1e3 * rig.probes.axial_span:g} mm'),
-        ('probes 1 and 3, height', f'{1e3 * rig.probes.radial_height:g} mm'),
-        ('probes, polarity of 1 to 4', ', '.join(f'{sign:+g}' for sign in rig.probes.polarity)),
-        *([('probe that is absent', f'{rig.probes.absent}')] if rig.probes.absent else []),
-        ('probes, span', f'{1e3 * rig.probes.min_range:g} to {1e3 * rig.probes.max_range:g} mm'),
-        ('carriage, mass', f'{rig.carriage.mass:g} kg'),
-        ('preload', rig.force_words(rig.preload, 2)),
-        ('full scale of the load', rig.force_words(rig.full_scale_load)),
-    ]
 
 
 def data_quality(runs: Sequence[Record], rig: Rig) -> str:

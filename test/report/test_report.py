@@ -281,7 +281,8 @@ def test_the_head_names_rig_hash_dimensions_and_what_the_bag_states():
     run = record(details={'operator': 'A. Engineer', 'date': '2026-11-20'})
     shown = head('A title', rig, [(run, 'held out')])
     for words in ('A title', 'SR-017', rig.digest[:12], rig.digest, '2026-11-20', 'third',
-                  'A. Engineer', 'held out', '50°', '600 mm', '97', '25.0 t'):
+                  'A. Engineer', 'held out', '50°', 'axial_rows.pitch_radius', '0.6', '97',
+                  '245166.25'):
         assert words in shown
     assert 'operator' not in head('A title', rig, [(record(), 'fitted')])
 
