@@ -159,13 +159,8 @@ effects_read = Role()
 """A folder of effect files."""
 
 file_written = Role(is_written=True)
-"""A file that is written as a whole."""
-
 bag_written = Role(is_bag=True, is_written=True)
-
 page_written = Role(is_written=True)
-"""A page (HTML)."""
-
 text_written = Role(str, is_written=True)
 """A file; '-' is standard output."""
 
