@@ -23,7 +23,7 @@ import threading
 import time
 from typing import Any
 
-from saddlering_ros.files import check_writable, share_directory, temporary_folder
+from saddlering_ros.files import check_writable, remove_unlocked, share_directory, temporary_folder
 from saddlering_ros.ros.names import ALARM, names, NodeError, REPLAY, RING, SIGNALS
 
 REPLAY_NODES = names(REPLAY)
@@ -368,10 +368,6 @@ def widen_sockets() -> None:
                 one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
 
 
-YOUNG = 2.0
-"""Files younger than this [s] may belong to a process that has not locked them yet."""
-
-
 def sweep(folder: Path = Path('/dev/shm')) -> int:
     """Remove the segments of Fast DDS that no living process holds; how many.
 
@@ -379,15 +375,6 @@ def sweep(folder: Path = Path('/dev/shm')) -> int:
     with the process, however it ends. Each segment left behind costs half a megabyte of memory.
     Ports are left alone: Fast DDS itself makes a dead one anew when it is next used.
     """
-    removed = 0
-    for lock in sorted(folder.glob('fastrtps_*_el')):
-        if lock.name.startswith('fastrtps_port'):
-            continue
-        with contextlib.suppress(OSError):
-            if time.time() - lock.stat().st_mtime >= YOUNG:
-                with lock.open() as handle:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
-                    lock.unlink(missing_ok=True)
-                removed += 1
-    return removed
+    return sum(remove_unlocked(lock, lock.with_name(lock.name.removesuffix('_el')), lock)
+               for lock in folder.glob('fastrtps_*_el')
+               if not lock.name.startswith('fastrtps_port'))
