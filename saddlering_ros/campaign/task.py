@@ -28,9 +28,6 @@ BASE = 'base'
 VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""
 
-PRELOADED: tuple[str, ...] = ()
-"""The computing function names its module itself."""
-
 
 @dataclass(frozen=True)
 class SessionLimits:

@@ -95,7 +95,7 @@ def option(name: str, words: str, **settings: Any) -> AddOption:
 class Command:
     """A subcommand: name, one line of the list of commands, description, arguments, examples.
 
-    examples: command lines with their meaning; untried: why no test types them.
+    examples: command lines with their meaning.
     """
 
     name: str
@@ -103,7 +103,6 @@ class Command:
     description: str
     options: tuple[AddOption, ...]
     examples: tuple[tuple[str, str], ...]
-    untried: str = ''
 
 def examples_text(examples: Sequence[tuple[str, str]]) -> str:
     """Examples of a command, each with its meaning, as its help shows them."""

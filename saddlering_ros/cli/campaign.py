@@ -48,8 +48,7 @@ COMMANDS = (Command(
         ('saddlering campaign bags --out campaign --plan',
          'the bags, and the sessions that they form'),
         ('saddlering campaign bags --out campaign', 'a verdict for each; again: continue'),
-        ('saddlering campaign status campaign', 'its progress')),
-    'test/campaign tests it'),)
+        ('saddlering campaign status campaign', 'its progress'))),)
 
 
 def run(args: argparse.Namespace) -> int:

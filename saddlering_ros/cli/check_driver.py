@@ -23,8 +23,7 @@ COMMANDS = (Command(
         arguments.json_option('write the findings as JSON; - for stdout')), (
         ('saddlering check-driver', 'faults of the driver; move the load meanwhile'),
         ('saddlering check-driver --rig rig.yaml --elevation 30 --rate 1000 --seconds 20',
-         'for your own rig, with the required rate of every channel')),
-    'test/nodes/test_check_driver.py runs it beside the example driver'),)
+         'for your own rig, with the required rate of every channel'))),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -38,8 +38,7 @@ COMMANDS = (Command(
                type=arguments.bags_below, metavar='DIR'),
         arguments.json_option('write all numbers as JSON; - for stdout (the steps then go to '
                               'stderr)')),
-    (('saddlering demo --out out', 'all steps; then open out/report.html'),),
-    'test/cli/test_demo.py runs it'),)
+    (('saddlering demo --out out', 'all steps; then open out/report.html'),)),)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ COMMANDS = (Command(
         arguments.json_option('write the address as JSON; - for stdout')), (
         ('saddlering live', 'then, in another terminal: saddlering replay bags/dynamic_50'),
         ('saddlering live --host 0.0.0.0',
-         'for other machines; the printed address contains a token')),
-    'serves until it is ended'),)
+         'for other machines; the printed address contains a token'))),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,8 +20,7 @@ COMMANDS = (Command(
                type=Within(float, 1e-3, 100.0, ' micrometres'), default=0.3, metavar='UM'),
         arguments.json_option('write the plan as JSON; - for stdout')), (
         ('saddlering plan --test static:50 --test dynamic:50',
-         'what a static and a dynamic test could find, and the test to add'),),
-    'it simulates every test that could be added: half a minute'),)
+         'what a static and a dynamic test could find, and the test to add'),)),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -28,8 +28,7 @@ COMMANDS = (Command(
                type=Within(float, 1e-3, 1e6, ' seconds'), metavar='S'),
         *arguments.NETWORK, arguments.OVERWRITE, arguments.json_option()), (
         ('saddlering record test_17 --test static --elevation 50',
-         'a test on the rig that can be identified and diagnosed'),),
-    'records until it is ended'),)
+         'a test on the rig that can be identified and diagnosed'),)),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -51,8 +51,7 @@ COMMANDS = (Command(
         ('saddlering replay bags/dynamic_50 --params params.yaml',
          'to live nodes, in real time'),
         ('saddlering replay bags/dynamic_50 --params params.yaml --rate 0 --record replayed',
-         'as fast as possible, with all results in a new bag')),
-    'test/cli/test_numbers_out.py replays a bag and records it'),)
+         'as fast as possible, with all results in a new bag'))),)
 
 
 def run(args: argparse.Namespace) -> int:

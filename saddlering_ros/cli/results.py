@@ -80,8 +80,7 @@ COMMANDS = (
             option('--seed', 'seed of the base fit (default 0)', type=int, default=0)), (
             ('saddlering compare --before 2025/static_50 2025/dynamic_50 --after 2026/static_50 '
              '2026/dynamic_50 --report change.html',
-             'name what changed since the base measurement; write a report'),),
-        'the shipped bags are one session of one ring'),
+             'name what changed since the base measurement; write a report'),)),
     Command(
         'validate', 'check how well parameters predict bags',
         'Simulate tests with given parameters, and compare the prediction with the measurement '

@@ -221,7 +221,7 @@ class ActionNode(Node):
     def _diagnose(self) -> None:
         twice, figures = self._namesakes.words(), {'last goal': self._last}
         status = TaskStatus(WARN if twice else self._level, twice or self._stage, figures)
-        self._diagnostics.publish(to_message(self, self.settings['hardware_id'], [
+        self._diagnostics.publish(to_message(self, [
             (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))]))
 
     def destroy_node(self) -> None:

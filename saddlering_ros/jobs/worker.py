@@ -2,7 +2,7 @@
 
     python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
-MODULE has `run(request, on_progress) -> answer`, and PRELOADED, the modules that `run` needs.
+MODULE has `run(request, on_progress) -> answer`; PRELOADED, if any, the modules that `run` needs.
 Values pass by a pipe that only this process and the child it started hold, so that pickles, which
 could carry code, come from our own code alone.
 """
@@ -116,7 +116,7 @@ def main() -> None:
     number, module = sys.argv[1:]
     pipe = Connection(int(number))
     job = importlib.import_module(module)
-    for needed in job.PRELOADED:
+    for needed in getattr(job, 'PRELOADED', ()):
         importlib.import_module(needed)
     with contextlib.suppress(EOFError):  # the other end is gone
         while True:

@@ -232,18 +232,17 @@ class Events:
         return TaskStatus(OK, f'nothing lost, late or dropped{earlier}', figures)
 
 
-def to_message(node: Node, hardware_id: str,
-               statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
+def to_message(node: Any, statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
     """The statuses of a node's tasks as /diagnostics wants them.
 
-    They carry the node's full name, at the root without slash; hardware_id '': the namespace's.
+    They carry the node's full name, at the root without slash; no hardware_id: the namespace's.
     """
     namespace = node.get_namespace().rstrip('/')
     message = DiagnosticArray(status=[
         DiagnosticStatus(
             level=bytes([status.level]), message=status.words,
             name=f'{f"{namespace}/" if namespace else ""}{node.get_name()}: {name}',
-            hardware_id=hardware_id or f'saddlering{namespace}',
+            hardware_id=node.settings['hardware_id'] or f'saddlering{namespace}',
             values=[KeyValue(key=key, value=value) for key, value in status.figures.items()])
         for name, status in statuses])
     message.header.stamp = node.get_clock().now().to_msg()

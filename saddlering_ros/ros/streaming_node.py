@@ -258,10 +258,9 @@ class StreamingNode(LifecycleNode):
             steps = 'activate' if self.tasks else 'configure, then activate'
             state = TaskStatus(
                 OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
-        self._diagnostics.publish(diagnostics.to_message(
-            self, self.settings['hardware_id'], [
-                (diagnostics.STATE_TASK, state),
-                *((task.name, task.report(elapsed)) for task in self.tasks)]))
+        self._diagnostics.publish(diagnostics.to_message(self, [
+            (diagnostics.STATE_TASK, state),
+            *((task.name, task.report(elapsed)) for task in self.tasks)]))
 
 
 REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',
