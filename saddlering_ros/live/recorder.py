@@ -42,7 +42,7 @@ class Recorder(StreamingNode):
     A bag holds them by the names of the root namespace, for any namespace of the rig.
     """
 
-    IS_SINGLE = False
+    IS_SINGLE = HAS_RIG = False
 
     def __init__(self, bag: BagWriter, context: Any, namespace: str = '') -> None:
         super().__init__(NAME, context=context, namespace=namespace)

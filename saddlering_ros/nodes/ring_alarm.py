@@ -19,9 +19,8 @@ from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros import diagnostics, names, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import alarm_message, parameters_from_message
-from saddlering_ros.ros.parameters import declare_rig, NodeParameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, LIMIT_QOS, RawSubscription
-from saddlering_ros.ros.rig_state import RigAgreement
 
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
@@ -60,8 +59,6 @@ class RingAlarmNode(streaming_node.StreamingNode):
 
     def __init__(self) -> None:
         super().__init__('ring_alarm')
-        self._rig = declare_rig(self)
-        self._agreement = RigAgreement(self, self._rig)
         self._offered: RingParameters | None = None
         self._sight = stream.Sight()
         self._upstream: dict[str, tuple[RawSubscription, float]] = {}

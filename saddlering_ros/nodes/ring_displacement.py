@@ -22,9 +22,9 @@ from saddlering_ros.ros import diagnostics, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO_REQUEST
-from saddlering_ros.ros.parameters import declare_rig, NodeParameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription, ZERO_QOS
-from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
+from saddlering_ros.ros.rig_state import ElevationWatch, zero_status
 
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
@@ -89,8 +89,6 @@ class RingDisplacementNode(streaming_node.StreamingNode):
 
     def __init__(self) -> None:
         super().__init__('ring_displacement')
-        self._rig = declare_rig(self)
-        self._agreement = RigAgreement(self, self._rig)
         self._watch = ElevationWatch(self)
         self._arrived, self._awaited, self._zero_stamp = 0.0, 0, 0
         self.offer(Trigger, '~/zero', self._on_zero)

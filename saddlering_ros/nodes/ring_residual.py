@@ -12,9 +12,9 @@ from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros import diagnostics, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import DIAGNOSTICS, DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
-from saddlering_ros.ros.parameters import declare_rig, NodeParameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_state import Readiness, RigAgreement
+from saddlering_ros.ros.rig_state import Readiness
 
 
 class RingResidualNode(streaming_node.StreamingNode):
@@ -28,8 +28,6 @@ class RingResidualNode(streaming_node.StreamingNode):
 
     def __init__(self) -> None:
         super().__init__('ring_residual')
-        self._rig = declare_rig(self)
-        self._agreement = RigAgreement(self, self._rig)
         prefix = f'{self.get_namespace()}/'.replace('//', '')
         self._readiness = Readiness([
             f'{prefix}{name}' for name in self.settings['needed_nodes'] if name])

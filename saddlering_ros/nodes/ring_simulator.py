@@ -22,7 +22,7 @@ from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_sta
 from saddlering_ros.ros import parameters as node_parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE
-from saddlering_ros.ros.parameters import declare_rig, NodeParameter, refuse_other_rig
+from saddlering_ros.ros.parameters import NodeParameter, refuse_other_rig
 from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
 
 ASSUMED_ELEVATION_DEG = 50.0  # of most shipped bags; a warning states it
@@ -55,8 +55,6 @@ class RingSimulatorNode(streaming_node.StreamingNode):
 
     def __init__(self) -> None:
         super().__init__('ring_simulator')
-        self._rig = declare_rig(self)
-        self._agreement = rig_state.RigAgreement(self, self._rig)
         self._watch = rig_state.ElevationWatch(self, self._on_elevation)
         self._elevation, self._elevation_source = math.nan, ''
         self._given = node_parameters.given_sections(self, ('contact', 'effects', 'source'))

@@ -26,7 +26,6 @@ from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, 
 from saddlering_ros.ros.names import CLOCK, NodeError, STATE
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, message_class, RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 BAG = NodeParameter(
@@ -48,8 +47,6 @@ class BagNode(StreamingNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self._rig = parameters.declare_rig(self)
-        self._agreement = RigAgreement(self, self._rig)
         self._first_bag = self.settings['bag']
         self._bag_root = parameters.root_folder(
             self, 'bag_root', Path(self._first_bag).absolute().parent

@@ -31,6 +31,7 @@ from saddlering_ros.ros.diagnostics import FunctionTask, OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
 from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS, SIGNALS
 from saddlering_ros.ros.parameters import NodeParameter
+from saddlering_ros.ros.rig_state import RigAgreement
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -67,6 +68,8 @@ class StreamingNode(LifecycleNode):
     TELLS_PROGRESS: ClassVar[bool] = True
     IS_SINGLE: ClassVar[bool] = True
     """Whether a second node of its name is a mistake."""
+    HAS_RIG: ClassVar[bool] = True
+    """Whether it takes the parameters of a rig, and tells others the hash of its own."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -85,6 +88,9 @@ class StreamingNode(LifecycleNode):
         self._untold = False
         self._diagnosed = time.monotonic()
         self._next_diagnosis = self._diagnosed + FIRST_DIAGNOSIS
+        if self.HAS_RIG:
+            self._rig = parameters.declare_rig(self)
+            self._agreement = RigAgreement(self, self._rig)
 
     # --- for subclasses ---
 
