@@ -21,8 +21,7 @@ from saddlering_ros.diagnosis.verdict import shapes_left, signature_cosines
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
-from saddlering_ros.effects.common_shapes import MOVES
+from saddlering_ros.effects.base import MOVES, RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.identification.uncertainty import distinct_elevations
 from saddlering_ros.quantities import lowered, MATERIAL
 from saddlering_ros.record import Record

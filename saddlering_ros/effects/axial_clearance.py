@@ -1,6 +1,6 @@
 """Another clearance than assumed: mu1 + e (1 + s u), half at each side, u in -1 to 1 by roller."""
 
-from saddlering_ros.effects.common_shapes import ClearanceEffect
+from saddlering_ros.effects.base import ClearanceEffect
 
 
 class AxialClearance(ClearanceEffect):

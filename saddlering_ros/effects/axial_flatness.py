@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Variant
-from saddlering_ros.effects.common_shapes import OvalGap
+from saddlering_ros.effects.base import Choice, EffectParameter, OvalGap, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 SIGNS = {0.0: (1.0, 1.0), 1.0: (1.0, -1.0), 2.0: (1.0, 0.0), 3.0: (0.0, 1.0)}

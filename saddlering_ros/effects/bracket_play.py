@@ -1,7 +1,6 @@
 """Play in the loading bracket: theta + e z, z a hysteron over the measured load."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import FrictionEffect, LOOP_OUTCOMES, loop_parameters
+from saddlering_ros.effects.base import EffectParameter, FrictionEffect, loop_parameters
 
 
 class BracketPlay(FrictionEffect):
@@ -11,7 +10,7 @@ class BracketPlay(FrictionEffect):
              'loop results, of opposite sense in the axial channel and in the two others.')
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
     outcomes = {
-        **LOOP_OUTCOMES,
+        **FrictionEffect.outcomes,
         'inclinometer': 'an angle that jumps when the load changes direction'}
     element = 'bracket_play'
     stage = 'load path'

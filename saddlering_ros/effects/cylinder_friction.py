@@ -1,7 +1,6 @@
 """Friction in the cylinder: P = P_m - F z, z a hysteron over the measured load."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import FrictionEffect, LOOP_OUTCOMES, loop_parameters
+from saddlering_ros.effects.base import EffectParameter, FrictionEffect, loop_parameters
 
 
 class CylinderFriction(FrictionEffect):
@@ -12,7 +11,7 @@ class CylinderFriction(FrictionEffect):
     settled_by = ('A reference load: a load cell between cylinder and trunnion, read while '
                   'loading and unloading.')
     outcomes = {
-        **LOOP_OUTCOMES,
+        **FrictionEffect.outcomes,
         'reference_load': 'a difference that changes its sign between loading and unloading'}
     element = 'cylinder_friction'
     stage = 'load path'

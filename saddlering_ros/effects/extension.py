@@ -209,7 +209,7 @@ def shared_parameters() -> tuple[Field[Any], ...]:
 NO_EXTENSION = RingExtension()
 
 
-def with_probe(values: Four, probe: int, value: float) -> Four:
+def at_probe(values: Four, probe: int, value: float) -> Four:
     """The same tuple with `value` added at probe 1 to 4, or at all probes for 0."""
     changed = [old + (value if probe in (0, number) else 0.0)
                for number, old in enumerate(values, start=1)]

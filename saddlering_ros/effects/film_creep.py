@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects import base
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, UNCLEAR, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 ALL_ROWS, RADIAL, AXIAL, EACH = 0.0, 1.0, 2.0, 3.0
@@ -20,8 +19,8 @@ class FilmCreep(RingEffect):
                   'load: creep continues during the holds and fades.')
     outcomes = {
         'second_rate': 'a loop whose height depends on the rate',
-        'repeat_cycle': 'a loop that closes during the holds', 'zero_load': base.UNCLEAR,
-        'pull_push': base.UNCLEAR}
+        'repeat_cycle': 'a loop that closes during the holds', 'zero_load': UNCLEAR,
+        'pull_push': UNCLEAR}
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant
     parameters = (

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
+from saddlering_ros.effects.base import ANY_PROBE, EffectParameter, ProbeEffect, UNCLEAR, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 
@@ -25,7 +24,8 @@ class MainsPickup(ProbeEffect):
                         adds_to='pickup_sine'),
         EffectParameter('frequency', 'Hz', 0.5, 500.0, 50.0, 50.0, 'true frequency of the line',
                         one_sided=True, logarithmic=True))
-    variants = (Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
+    variants = (
+        Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *ProbeEffect.variants)
     choices = (ANY_PROBE,)
     line = True
     starts = ({'frequency': 50.0}, {'frequency': 60.0})

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.common_shapes import OvalGap
+from saddlering_ros.effects.base import OvalGap
 from saddlering_ros.effects.extension import RingExtension
 
 

@@ -1,7 +1,6 @@
 """A probe bracket that bends with load: d_i += b P."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import ProbeEffect
+from saddlering_ros.effects.base import EffectParameter, ProbeEffect
 
 
 class ProbeBracket(ProbeEffect):

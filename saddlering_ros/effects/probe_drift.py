@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Variant
-from saddlering_ros.effects.common_shapes import MOVES, probe_variants, ProbeEffect
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.base import Choice, EffectParameter, MOVES, ProbeEffect, Variant
+from saddlering_ros.effects.extension import at_probe, RingExtension
 
 RADIAL, AXIAL = 13.0, 24.0
 """The choices of two probes, which are opposite: 1 and 3, or 2 and 4."""
@@ -27,7 +26,7 @@ class ProbeDrift(ProbeEffect):
                         'sum of the drifts of two opposite probes per second; 0: the second one '
                         'drifts as the first does, with the other sign', amplitude=True))
     variants = (
-        *probe_variants(),
+        *ProbeEffect.variants,
         Variant('both radial probes', {'probe': RADIAL}, ('delta_x', 'parity'), ('both',)),
         Variant('both axial probes', {'probe': AXIAL}, ('delta_y', 'gamma'), ('both',)))
     choices = (Choice('probe', (1.0, 2.0, 3.0, 4.0, RADIAL, AXIAL),
@@ -36,7 +35,7 @@ class ProbeDrift(ProbeEffect):
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         probe, rate = round(values['probe']), values['rate']
         if probe not in (RADIAL, AXIAL):
-            return replace(extension, probe_drift=with_probe(extension.probe_drift, probe, rate))
+            return replace(extension, probe_drift=at_probe(extension.probe_drift, probe, rate))
         first, second = divmod(probe, 10)
-        one = with_probe(extension.probe_drift, first, rate)
-        return replace(extension, probe_drift=with_probe(one, second, values['both'] - rate))
+        one = at_probe(extension.probe_drift, first, rate)
+        return replace(extension, probe_drift=at_probe(one, second, values['both'] - rate))

@@ -1,7 +1,6 @@
 """Wrong gain of one probe: d_i (1 + g)."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import MOVES, ProbeEffect
+from saddlering_ros.effects.base import EffectParameter, MOVES, ProbeEffect
 
 
 class ProbeGain(ProbeEffect):

@@ -1,7 +1,6 @@
 """Slow probe electronics: a low-pass of one or two stages on one or all probes."""
 
-from saddlering_ros.effects.base import EffectParameter, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
+from saddlering_ros.effects.base import ANY_PROBE, EffectParameter, ProbeEffect, UNCLEAR, Variant
 
 
 class ProbeLag(ProbeEffect):
@@ -21,7 +20,8 @@ class ProbeLag(ProbeEffect):
                         'share of the time constant that a second stage has; 0: one stage',
                         one_sided=True, adds_to='probe_lag_second'))
     variants = (
-        Variant('all probes', {'probe': 0.0}, ('delta_x', 'delta_y', 'gamma')), *probe_variants())
+        Variant('all probes', {'probe': 0.0}, ('delta_x', 'delta_y', 'gamma')),
+        *ProbeEffect.variants)
     choices = (ANY_PROBE,)
     starts = ({'second': 0.5},)
     dynamic_only = True

@@ -1,7 +1,6 @@
 """Bent characteristic of one probe: d_i += q d_i^2."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import MOVES, ProbeEffect
+from saddlering_ros.effects.base import EffectParameter, MOVES, ProbeEffect
 
 
 class ProbeNonlinearity(ProbeEffect):

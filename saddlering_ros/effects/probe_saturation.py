@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from saddlering_ros.effects.base import Choice, EffectParameter
-from saddlering_ros.effects.common_shapes import MOVES, ONE_PROBE, probe_variants, ProbeEffect
+from saddlering_ros.effects.base import Choice, EffectParameter, MOVES, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension
 
 
@@ -26,7 +25,8 @@ class ProbeSaturation(ProbeEffect):
     variants = (
         *probe_variants({'side': 1.0}, ', increasing readings'),
         *probe_variants({'side': -1.0}, ', decreasing readings'))
-    choices = (ONE_PROBE, Choice('side', (1.0, -1.0), '1 increasing readings, -1 decreasing ones'))
+    choices = (*ProbeEffect.choices,
+               Choice('side', (1.0, -1.0), '1 increasing readings, -1 decreasing ones'))
     starts = tuple({'limit': limit} for limit in (2e-5, 4e-5, 8e-5, 1.2e-4, 1.6e-4, 2e-4))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

@@ -1,7 +1,6 @@
 """Dry friction against delta_x: a hysteron over delta_x takes up to its force."""
 
-from saddlering_ros.effects.base import EffectParameter
-from saddlering_ros.effects.common_shapes import FrictionEffect, LOOP_OUTCOMES, loop_parameters
+from saddlering_ros.effects.base import EffectParameter, FrictionEffect, loop_parameters
 
 
 class RadialFriction(FrictionEffect):
@@ -12,7 +11,6 @@ class RadialFriction(FrictionEffect):
              'show no loop.')
     settled_by = ('A second loading rate (x4), then a repeat cycle with holds at zero and full '
                   'load: the loop keeps its height and does not close during the holds.')
-    outcomes = LOOP_OUTCOMES
     element = 'radial_friction'
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides

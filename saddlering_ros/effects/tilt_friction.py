@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
-from saddlering_ros.effects.common_shapes import hysteron, LOOP_OUTCOMES, loop_parameters
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, FrictionEffect, hysteron, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 AXIAL, TILT, EACH = 1.0, 2.0, 3.0
 """The choices: against axial motion alone, against tilting alone, or against every motion."""
 
 
-class TiltFriction(RingEffect):
+class TiltFriction(FrictionEffect):
     title = 'Dry friction in the axial rows'
     words = ('Friction in the axial rows or their seals resists tilting by a nearly constant '
              'moment, which changes direction with the motion. Tilt and axial motion show a loop '
@@ -20,14 +20,14 @@ class TiltFriction(RingEffect):
              'rubs evenly resists axial motion alone.')
     settled_by = ('A repeat cycle with holds at zero and full load: friction shows the same loop '
                   'again, settling does not, and drift continues during the holds.')
-    outcomes = LOOP_OUTCOMES
+    element = 'tilt_friction'
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     parameters = (
         EffectParameter('moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
                         'full friction moment; of axial motion alone the force at 1 m from the '
                         'axis', amplitude=True, one_sided=True),
-        *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
+        *base.loop_parameters('rad', 3e-7, 5e-5, 3e-6),
         EffectParameter('force', 'N', 0.0, 80000.0, 5000.0, 0.0,
                         'full friction force against radial motion, where each coordinate has its '
                         'own', amplitude=True, one_sided=True),
@@ -49,10 +49,9 @@ class TiltFriction(RingEffect):
     choices = (Choice('coordinate', (TILT, AXIAL, EACH), '2 gamma, 1 delta_y, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        element = hysteron(values['moment'], values)
         if values['coordinate'] == AXIAL:
-            return replace(extension, axial_friction=element)
-        tilted = replace(extension, tilt_friction=element)
+            return replace(extension, axial_friction=hysteron(values['moment'], values))
+        tilted = super().extend(extension, values)
         if values['coordinate'] != EACH:
             return tilted
         radial = {**values, 'presliding': values['presliding_x']}

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, Variant
-from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, worn_arc, WornSector
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, KINDS, Variant, worn_arc, WornSector
 from saddlering_ros.effects.extension import RingExtension
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
@@ -18,12 +18,13 @@ class WornSectorAxial(WornSector):
              'load zone (front for the upper row, rear for the lower one), and right elsewhere. A '
              'raceway or a mounting face that is out of flat by as much acts alike.')
     channels = ('delta_y', 'gamma')
-    parameters = arc_parameters(centre=1.2)
+    parameters = base.arc_parameters(centre=1.2)
     variants = tuple(
         Variant(f'{row_label}, {kind_label}', {'row': row, 'kind': kind})
         for row, row_label in ROWS for kind, kind_label in KINDS
     )
-    choices = (Choice('row', tuple(row for row, _ in ROWS), '0 both rows, 1 upper, 2 lower'), KIND)
+    choices = (Choice('row', tuple(row for row, _ in ROWS), '0 both rows, 1 upper, 2 lower'),
+               *WornSector.choices)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         wear = worn_arc(values)

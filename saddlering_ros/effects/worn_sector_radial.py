@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Variant
-from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, worn_arc, WornSector
+from saddlering_ros.effects.base import arc_parameters, KINDS, Variant, worn_arc, WornSector
 from saddlering_ros.effects.extension import RingExtension
 
 
@@ -17,7 +16,6 @@ class WornSectorRadial(WornSector):
     channels = ('delta_x',)
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
-    choices = (KIND,)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         row = replace(extension.radial_row, wear=worn_arc(values))

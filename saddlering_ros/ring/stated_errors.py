@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension, with_probe
+from saddlering_ros.effects.extension import at_probe, NO_EXTENSION, RingExtension
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import place_of
 
@@ -113,6 +113,6 @@ def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
                         for row in ROWS[name]}
         else:
             field = getattr(NO_EXTENSION, name)
-            changed[name] = with_probe(
+            changed[name] = at_probe(
                 field, round(values.get('probe', 0.0)), size) if isinstance(field, tuple) else size
     return rig, replace(NO_EXTENSION, **changed)

@@ -13,7 +13,7 @@ from scipy.signal import lsim
 from saddlering_ros.diagnosis.next_test import with_swapped_probes
 from saddlering_ros.discrepancy.problem.system import Point
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect, Variant
-from saddlering_ros.effects.common_shapes import worn_arc
+from saddlering_ros.effects.base import worn_arc
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
