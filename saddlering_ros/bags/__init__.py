@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 from saddlering_ros import names_on_first_use
 
 if TYPE_CHECKING:
-    from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
-    from saddlering_ros.bags.reader import read_raw, read_run
+    from saddlering_ros.bags.reader import bag_info, BagInfo, read_raw, read_run, TopicInfo
     from saddlering_ros.bags.write import write_bag
 
 __all__ = ['BagInfo', 'TopicInfo', 'bag_info', 'read_raw', 'read_run', 'write_bag']
 
 __getattr__ = names_on_first_use(__name__, {
-    'BagInfo': 'info', 'TopicInfo': 'info', 'bag_info': 'info', 'read_raw': 'reader',
+    'BagInfo': 'reader', 'TopicInfo': 'reader', 'bag_info': 'reader', 'read_raw': 'reader',
     'read_run': 'reader', 'write_bag': 'write'})
