@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.process import span_means
 from saddlering_ros.estimation.rest import (
     BLOCK_SECONDS,
     level_stretches,
@@ -16,7 +17,6 @@ from saddlering_ros.estimation.rest import (
     quiet_stretches,
     stretches_at_rest,
 )
-from saddlering_ros.estimation.statistics import span_means
 from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.rig import Rig

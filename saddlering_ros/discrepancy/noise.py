@@ -18,10 +18,9 @@ from scipy.special import ndtr
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks
 from saddlering_ros.estimation import record_noise
 from saddlering_ros.estimation.noise import HeldSeries, noise_by_class, RestSource, sampling_class
-from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.process import ChannelNoise, fisher_chance, fisher_share_below
 from saddlering_ros.estimation.record_noise import ChannelRecord, continued, noise_of_stretches
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.statistics import fisher_chance, fisher_share_below
 
 KNOWN_EXACTLY = 1_000_000
 """Degrees of freedom of a declared level."""

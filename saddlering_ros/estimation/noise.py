@@ -13,10 +13,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from saddlering_ros.estimation import process
-from saddlering_ros.estimation import statistics as block_statistics
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.statistics import allan_columns, allan_variances, block_means
 from saddlering_ros.record.quality import common_step
 
 MODEL_ERROR = 0.02
@@ -134,9 +132,9 @@ class RestSource:
         """
         if not segments:
             return cls(segments)
-        records = block_statistics.RowTotals([one.values[0] for one in parities])
+        records = process.RowTotals([one.values[0] for one in parities])
         whole = np.array([records.pooled_variance(count)[0] for count in COMPARED_COUNTS])
-        at_rest = [block_statistics.RowTotals([one.values[row] for one in segments])
+        at_rest = [process.RowTotals([one.values[row] for one in segments])
                    for row in range(len(segments[0].values))]
         channels = np.array([
             [totals.pooled_variance(count)[0] for count in COMPARED_COUNTS] for totals in at_rest])
@@ -146,7 +144,7 @@ class RestSource:
         if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
             return cls(segments)
         # Whether the parities move by more than their noise at rest.
-        resting, last, walk, count = block_statistics.RowTotals(still), 0, np.inf, 1
+        resting, last, walk, count = process.RowTotals(still), 0, np.inf, 1
         while count <= max(int(records.sizes.max()) // 8, 1):
             moving, _ = records.pooled_variance(count)
             quiet, pairs = resting.pooled_variance(count)
@@ -270,12 +268,12 @@ def _rest_statistics(
 ) -> Statistics:
     """Allan variances at rest, and second differences from hold to hold."""
     rows = _without_common_course(segments, channel)
-    scales, observed, pairs = allan_variances(rows)
+    scales, observed, pairs = process.allan_variances(rows)
     if scales.size == 0:
         raise EstimationError(TOO_SHORT)
     short = scales < SMOOTHED * min(step for _, step in rows)
     weights = 1.0 / (1.0 / pairs + np.where(short, SHORT_MODEL_ERROR, MODEL_ERROR) ** 2)
-    columns = allan_columns(scales, TIME_CONSTANTS)
+    columns = process.allan_columns(scales, TIME_CONSTANTS)
     differences, widths, spacings = [np.zeros(0)], [], []
     for holds in series:
         spacing = np.diff(holds.time)
@@ -339,7 +337,7 @@ def channel_correlation(segments: Sequence[RestSegment]) -> Array:
     whose stamps lie between those of the load seems quieter. Insignificant values are 0.
     """
     steps = np.concatenate(
-        [np.diff(block_means(segment.values, CORRELATED_OVER), axis=1) for segment in segments],
+        [np.diff(process.block_means(one.values, CORRELATED_OVER), axis=1) for one in segments],
         axis=1)
     count = max(1, steps.shape[1])
     scale = np.sqrt(np.mean(steps**2, axis=1)) if steps.size else np.ones(len(steps))

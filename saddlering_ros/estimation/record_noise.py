@@ -21,10 +21,9 @@ import numpy as np
 from scipy.fft import dct, idct
 from scipy.optimize import nnls
 
-from saddlering_ros.estimation import process, statistics
+from saddlering_ros.estimation import process
 from saddlering_ros.estimation.noise import MIN_SAMPLES, MIN_WHITE, Statistics
-from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
-from saddlering_ros.estimation.statistics import allan_columns
+from saddlering_ros.estimation.process import allan_columns, Array, ChannelNoise, EstimationError
 
 PARTS_PER_DECADE = 2
 """Relaxations per decade of time constants: closer ones cannot be separated."""
@@ -115,7 +114,7 @@ def noise_of_stretches(
         raise EstimationError(
             f'noise: {where} has only {sum(sizes)} samples: give at least '
             f'{MIN_SAMPLES}, or Noise.white(std)')
-    scales, observed, pairs = statistics.allan_variances(rows)
+    scales, observed, pairs = process.allan_variances(rows)
     used = scales <= max(longest, step) * (1.0 + 1e-9)
     observed = observed[used]
     if not observed.max(initial=0.0) > 0.0:
@@ -311,7 +310,7 @@ def common_noise(
     cancels. `weights`: of the pairs. Segments of a few seconds hardly determine a slow time
     constant, so that each of COMMON_TIMES counts by its likelihood.
     """
-    counts = np.array(statistics.averaged_counts(max(map(len, first))))
+    counts = np.array(process.averaged_counts(max(map(len, first))))
     pairs = np.array([[max(0, len(row) // count - 1) for count in counts] for row in first])
     seen = pairs.sum(axis=0) > 0
     counts, pairs = counts[seen], pairs[:, seen]
@@ -342,7 +341,7 @@ def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
     lengths = np.array([len(row) for row in rows])
     for length in np.unique(lengths):
         alike = np.flatnonzero(lengths == length)
-        totals = np.stack([statistics.running_total(rows[index]) for index in alike.tolist()])
+        totals = np.stack([process.running_total(rows[index]) for index in alike.tolist()])
         for column in np.flatnonzero(pairs[alike[0]]):
-            variances[alike, column] = statistics.allan_variances_of(totals, int(counts[column]))
+            variances[alike, column] = process.allan_variances_of(totals, int(counts[column]))
     return variances

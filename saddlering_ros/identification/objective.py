@@ -9,8 +9,7 @@ import numpy as np
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation import least_squares
 from saddlering_ros.estimation.least_squares import LazyAnswer, SearchSpace
-from saddlering_ros.estimation.process import Array
-from saddlering_ros.estimation.statistics import block_means, span_means
+from saddlering_ros.estimation.process import Array, block_means, span_means
 from saddlering_ros.estimation.whitening import independent, SharedErrors
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.settings import IdentificationError

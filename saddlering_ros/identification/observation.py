@@ -15,9 +15,8 @@ from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrmm
 
 from saddlering_ros.estimation.noise import MIN_NOISE
-from saddlering_ros.estimation.process import Array, ChannelNoise
+from saddlering_ros.estimation.process import Array, block_means, ChannelNoise, filled
 from saddlering_ros.estimation.record_noise import common_noise, COMMON_TIMES
-from saddlering_ros.estimation.statistics import block_means, filled
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
 from saddlering_ros.identification import prepared
 from saddlering_ros.identification.prepared import NoiseModel, PreparedRun

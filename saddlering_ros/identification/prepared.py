@@ -9,8 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation import noise, rest
-from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
-from saddlering_ros.estimation.statistics import filled
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, filled
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
 from saddlering_ros.record.displacement import zero_of_run

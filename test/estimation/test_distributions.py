@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from sources import imported
 
-from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit, fisher_share_below
+from saddlering_ros.estimation.process import fisher_chance, fisher_limit, fisher_share_below
 from saddlering_ros.quantities import WIDTH_95
 
 ROOT = Path(__file__).resolve().parents[2] / 'saddlering_ros'

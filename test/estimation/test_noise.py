@@ -6,9 +6,14 @@ from scipy.signal import lfilter
 
 from saddlering_ros.estimation import noise as noises
 from saddlering_ros.estimation.noise import channel_correlation, measure_noise, RestSource
-from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.process import (
+    allan_variances_of,
+    ChannelNoise,
+    EstimationError,
+    RowTotals,
+    running_total,
+)
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.statistics import allan_variances_of, RowTotals, running_total
 
 STEP = 0.02
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from saddlering_ros.discrepancy.problem.system import Array
-from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.memory_operators import Plays, Relaxations
 
 LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'

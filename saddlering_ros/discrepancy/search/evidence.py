@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace
-from saddlering_ros.estimation.statistics import fisher_limit
+from saddlering_ros.estimation.process import fisher_limit
 
 MAX_IN_ONE_VIEW = 2
 """Largest number of effects in one channel. More effects can fit any misfit."""

@@ -23,7 +23,7 @@ from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
-from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
 from saddlering_ros.quantities import CHANCE
 

@@ -25,7 +25,7 @@ from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_r
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
-from saddlering_ros.estimation.statistics import fisher_limit
+from saddlering_ros.estimation.process import fisher_limit
 
 if TYPE_CHECKING:
     from saddlering_ros.discrepancy.search.space import ModelSpace

@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
 from saddlering_ros.discrepancy.search.signatures import ChangeScale, shapes_tried, Signature
-from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
+from saddlering_ros.estimation.process import fisher_chance, fisher_limit
 
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts: half of a refinement's on a ring."""

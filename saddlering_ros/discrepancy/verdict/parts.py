@@ -21,7 +21,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits
 from saddlering_ros.estimation.least_squares import covariance
-from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.quantities import GOOD, percent, quantity, WIDTH_95
 
 STRAIGHT_SHARE = 0.1

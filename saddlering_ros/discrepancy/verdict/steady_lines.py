@@ -27,8 +27,8 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, R
 from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.signatures import DetectionLimit, POWER_QUANTILE
 from saddlering_ros.discrepancy.verdict.results import Cause
+from saddlering_ros.estimation.process import fisher_chance, fisher_limit
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 MIN_FREQUENCY = 8.0
 """Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine,
