@@ -226,7 +226,7 @@ def _launch_lines() -> list[str]:
 THRESHOLDS = {
     'quantities': 'Results, wherever they are printed',
     'rig': 'The rig and the zero',
-    'ring/roller_scatter': 'A sound ring',
+    'ring/small_errors': 'A sound ring',
     'record': 'Readings of a test',
     'doubts': 'Doubts about a record or a driver',
     'estimation': 'Noise, rest and rounding',

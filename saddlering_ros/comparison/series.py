@@ -25,7 +25,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
-from saddlering_ros.ring.stated_errors import DIMENSIONS
+from saddlering_ros.ring.small_errors import DIMENSIONS
 
 CHANGED = 100.0
 """E-value from which the ring has changed: reached by one unchanged ring in a hundred at most,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.discrepancy import Cause, Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.quantities import lowered
 from saddlering_ros.rig import Rig
-from saddlering_ros.ring.stated_errors import certified_errors, DIMENSIONS
+from saddlering_ros.ring.small_errors import certified_errors, DIMENSIONS
 
 REVERSED = 'rig_polarity'
 """A probe whose sign is reversed. It acts on the readings."""

@@ -15,10 +15,9 @@ from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import size_factor
-from saddlering_ros.ring import roller_scatter
+from saddlering_ros.ring import small_errors
 from saddlering_ros.ring.sensitivity import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch
-from saddlering_ros.ring.stated_errors import certified_errors
 
 OTHER_SIGN = (0.15, 0.9, 2.7)
 """Sizes of the starts of the other sign, in usual sizes. They differ from all starts of this
@@ -216,14 +215,14 @@ class RingSystem:
             contacts = self._four_probes(run, [(point.base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
-            parts.append(roller_scatter.scatter_columns(
+            parts.append(small_errors.scatter_columns(
                 self.rig, point.base, grid.elevation, grid.zero_load, run.time, contacts,
                 static=static)[self.seen])
             known.append(np.stack([
-                *roller_scatter.known_errors(
+                *small_errors.known_errors(
                     self.rig, partial(self._predict_by, run, point), usual),
                 *self.instrument_errors(run, point.base)], axis=-1))
-        joined = roller_scatter.compressed(
+        joined = small_errors.compressed(
             np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
         blocks = np.split(joined, np.cumsum([run.channels.size for run in runs])[:-1])
         return [
@@ -240,8 +239,8 @@ class RingSystem:
 
         Clearances and weight, which every ring has uncertain, are not among them.
         """
-        errors = [error for source, error in certified_errors(self.rig).items()
-                  if source not in roller_scatter.KNOWN]
+        errors = [error for source, error in small_errors.certified_errors(self.rig).items()
+                  if source not in small_errors.KNOWN]
         if not errors:
             return []
         predicted = self.predict_many(run, [Point(base), *(Point(base, one) for one in errors)])

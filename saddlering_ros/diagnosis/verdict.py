@@ -24,7 +24,7 @@ from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent
 from saddlering_ros.rig.parameter_file import ParameterSet, ParameterSource
-from saddlering_ros.ring.roller_scatter import sound_deviation
+from saddlering_ros.ring.small_errors import sound_deviation
 
 MIN_COSINE = 0.3
 """Cosine below which two signatures are left out of the verdict's JSON."""

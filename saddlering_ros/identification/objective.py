@@ -19,7 +19,7 @@ from saddlering_ros.rig.geometry import probes_to_displacement, with_absent
 from saddlering_ros.ring import dynamic_batch, probe_batch, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 from saddlering_ros.ring.simulator import in_parallel
-from saddlering_ros.ring.stated_errors import SmallError, with_error
+from saddlering_ros.ring.small_errors import SmallError, with_error
 
 LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""

@@ -4,7 +4,7 @@ The residuals are whitened by the noise the runs show at rest, autocorrelation i
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
 fits worse than that noise, it is widened by that run's mean square residual (Birge ratio). The
 effect of unequal rollers is added: the estimate is G r with G = J^+, so that residuals r of
-covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S^T G^T.
+covariance I + S S^T (S: small_errors.py) give it the covariance G G^T + G S S^T G^T.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,8 +23,8 @@ from saddlering_ros.identification.objective import BEFORE, predict, Refinement,
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import Displacement, PARAMETER_NAMES
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
-from saddlering_ros.ring.roller_scatter import known_errors, scatter_columns
-from saddlering_ros.ring.stated_errors import certified_errors, SmallError
+from saddlering_ros.ring import small_errors
+from saddlering_ros.ring.small_errors import certified_errors, known_errors, SmallError
 
 DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
@@ -248,7 +248,7 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     for one, increments in zip(objective.observations, usual, strict=True):
         x, y, gamma = np.concatenate([np.zeros((3, 1)), increments[0]], axis=1)
         probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
-        columns = scatter_columns(
+        columns = small_errors.scatter_columns(
             rig, contact, one.elevation, one.zero_load,
             np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
         since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))

@@ -29,8 +29,8 @@ from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet, Rig
 from saddlering_ros.rig.geometry import MOTION
 from saddlering_ros.ring import simulate, static_response
-from saddlering_ros.ring.roller_scatter import sound_deviation
 from saddlering_ros.ring.sensitivity import static_sensitivities
+from saddlering_ros.ring.small_errors import sound_deviation
 
 HARDLY_MOVES = ('noise is more than a tenth of the measured or the simulated motion in {}: '
                 'figures of the curve that say nothing are left out; load the ring further')

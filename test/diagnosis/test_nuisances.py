@@ -9,8 +9,8 @@ from saddlering_ros.diagnosis.ring_system import LOAD_WANDER, MAX_STEEP, RingSys
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
-from saddlering_ros.ring import roller_scatter
-from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, CURVATURE, scatter_columns
+from saddlering_ros.ring import small_errors
+from saddlering_ros.ring.small_errors import CLEARANCE_UNKNOWN, CURVATURE, scatter_columns
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6
@@ -82,7 +82,7 @@ def test_stiffer_rollers_together_move_the_ring_as_the_simulator_says(fast):
         [1.0 if index in (0, count / 2) else 2.0 for index in range(count // 2 + 1)]
         for count in counts])
     together = columns[:, :, twins.size:2 * twins.size] @ np.sqrt(twins)
-    moved = centred(together) * share / roller_scatter.STIFFNESS_SCATTER
+    moved = centred(together) * share / small_errors.STIFFNESS_SCATTER
     effect = centred(0.5 * (stiffer - softer))
     left = np.linalg.norm(moved - effect, axis=1) / np.linalg.norm(effect, axis=1)
     assert left.max() < 0.05

@@ -14,7 +14,7 @@ from saddlering_ros.identification.observation import observe_prepared
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.identification.uncertainty import IMPERFECTIONS
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
-from saddlering_ros.ring.stated_errors import CERTIFIED, certified_errors, DIMENSIONS, with_error
+from saddlering_ros.ring.small_errors import CERTIFIED, certified_errors, DIMENSIONS, with_error
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
 from rigs import RIG, virtual_run

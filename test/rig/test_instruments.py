@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.rig import default_rig, Instruments, RigError
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
-from saddlering_ros.ring.stated_errors import CERTIFIED, certified_errors
+from saddlering_ros.ring.small_errors import CERTIFIED, certified_errors
 
 RIG = default_rig()
 STATED = dict.fromkeys(NAMES, 0.001)
