@@ -27,7 +27,7 @@ from saddlering_ros.ring import model as ring_model
 from saddlering_ros.ring import simulator
 from saddlering_ros.ring.kernels import courses, integration, tangents
 from saddlering_ros.ring.kernels.contact import LAW
-from saddlering_ros.ring.kernels.row_tangents import LAWS, PLAIN_LAW
+from saddlering_ros.ring.kernels.tangents import LAWS, PLAIN_LAW
 from saddlering_ros.ring.model import Floats, Model, model_of, Rows, rows_of
 from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
 

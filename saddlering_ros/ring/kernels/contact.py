@@ -129,22 +129,27 @@ LN2 = math.log(2.0)
 
 @kernel(fastmath=FAST, forceinline=True, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: Any, growing: Any,
-             saturation: Any, guess: Any, parts: Any = None) -> Any:
+             saturation: Any, guess: Any, parts: Any = None, each: Any = None,
+             places: Any = None) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
     d cos, d cos^2 with d = dF/d(dp/dt); and the number of rollers in contact, which is the guess
     of the next call. motion: (a, b, da, db); law: (K, n, D). growing: None, or (share, m) of the
     damping that grows as p^m, or as p^n for m = 0. saturation: None, or L of the growth
-    p^m / (1 + (p L)^m). parts: None, or (3, PARTS) to be filled for tangents at this row. The
-    function is compiled for each combination, so that an unused law costs nothing. rows: flat
-    array of `model`; every row ends with rollers that carry no load, so that the loop runs over
-    whole vectors.
+    p^m / (1 + (p L)^m). parts: None, or (3, PARTS) to be filled for tangents at this row. each:
+    None, or (2, J) to be filled with forces and slopes dF/dp of single rollers. places: None, or
+    what `in_contact` gives. The function is compiled for each combination, so that an unused law
+    costs nothing. rows: flat array of `model`; every row ends with rollers that carry no load, so
+    that the loop runs over whole vectors.
     """
     widest_vectors()
     a, b, da, db = motion
     stiffness, exponent, damping = law
-    cosines, weights, gaps, touching = in_contact(rows, row, rollers, uniform, a, b, guess)
+    if places is None:
+        cosines, weights, gaps, touching = in_contact(rows, row, rollers, uniform, a, b, guess)
+    else:
+        cosines, weights, gaps, touching = places
     s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = 0.0
     if touching == np.uint64(0):
         if parts is not None:
@@ -181,6 +186,8 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: 
         elastic = relative * p
         force = stiffness * elastic + d * rate
         k = exponent * stiffness * relative + d_slope * rate
+        if each is not None:
+            each[0, j], each[1, j] = force, k
         carries = rows[weights + j] if force > MIN_FORCE else 0.0
         k *= carries
         d *= carries

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.ring.kernels import extension_laws as laws
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.extension_laws import advance_series, read_probes, series_motion
-from saddlering_ros.ring.kernels.integration import load_at_rest, take_load, take_zero
+from saddlering_ros.ring.kernels.integration import take_load, take_zero
 from saddlering_ros.ring.kernels.layout import kernel, OUTER
 
 UNCHANGED = np.empty((0, 3, 0)), np.array([-1])
@@ -18,7 +18,7 @@ def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
     """Fill external (N, 3) with force and moment on the ring, from rest under zero_load on."""
     m = models[0]
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
-    load_at_rest(m, s, zero_load, w)
+    laws.load_at_rest(m, s, zero_load, w)
     for n in range(load.size):
         if n > 0:
             take_load(m, s, load[n], w)
@@ -37,7 +37,7 @@ def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any,
     for k in range(models.size):
         m = models[k]
         s[:] = 0.0
-        true_load = load_at_rest(m, s, zero_load, w)
+        true_load = laws.load_at_rest(m, s, zero_load, w)
         for n in range(time.size):
             step = 0.0
             if n > 0:
@@ -48,9 +48,9 @@ def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any,
                 s[at.Q + i] = motion[n, i] + change
             if n == 0:
                 take_zero(m, s, true_load, time[0], w)
-            series_motion(m, s, w)
-            advance_series(m, s, w, step)
-            read_probes(m, s, w, true_load, time[n], step, out[k], n)
+            laws.series_motion(m, s, w)
+            laws.advance_series(m, s, w, step)
+            laws.read_probes(m, s, w, true_load, time[n], step, out[k], n)
 
 
 @kernel(**OUTER)

@@ -90,6 +90,15 @@ def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any)
 
 
 @kernel(**INNER)
+def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
+    """Set the load path to its state at the start; the load at the ring."""
+    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
+    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
+    s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
+    return load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
+
+
+@kernel(**INNER)
 def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
     """State of a first-order low-pass after dt; exact for an input linear from `old` to `new`."""
     if time_constant <= 0.0:

@@ -7,7 +7,7 @@ import numpy as np
 
 from saddlering_ros.ring.kernels import extension_laws as laws
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels import row_tangents
+from saddlering_ros.ring.kernels import tangents
 from saddlering_ros.ring.kernels.contact import PARTS
 from saddlering_ros.ring.kernels.equilibrium import differences, equilibrium, solve3, system
 from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
@@ -44,7 +44,7 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     for i in range(s.size):
         s[i] = 0.0
     s[at.FRACTION] = 1.0
-    true_load = load_at_rest(m, s, load, w)
+    true_load = laws.load_at_rest(m, s, load, w)
     for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
         state = laws.state_at_rest(element, i, w)
         s[at.FRICTION_Z + 2 * i] = s[at.FRICTION_Z + 2 * i + 1] = state
@@ -56,15 +56,6 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
         s[at.Q_OLD + i] = s[at.Q + i]
     take_zero(m, s, true_load, time, w)
     return found
-
-
-@kernel(**INNER)
-def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
-    """Set the load path to its state at the start; the load at the ring."""
-    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
-    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
-    s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
-    return laws.load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
 
 
 @kernel(**INNER)
@@ -140,7 +131,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
     friction. Returns SOLVED, FAILED if Newton fails, TOO_COARSE if the error exceeds `allowed`
     [m]. Unless it is solved the state is unchanged. recorder: None, or (records (S, width), parts
-    (3, PARTS), last v (3,), grows) of `row_tangents.keep_record`.
+    (3, PARTS), last v (3,), grows) of `tangents.keep_record`.
     """
     c0, c1, c2 = differences(h, s[at.STEP_OLD])
     p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
@@ -159,7 +150,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     previous, damp = 1e300, 1.0
     for iteration in range(MAX_ITERATIONS):
         v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
-        row_tangents.forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
+        tangents.forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
         r0 = w[at.EXTERNAL] + w[at.FORCE] - m.mass * (c0 * v0 + past0)
         r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - m.mass * (c0 * v1 + past1)
         r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - m.inertia * (c0 * v2 + past2)
@@ -236,7 +227,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
     The load is linear in between. The first fraction is the fraction at which the last step
     ended. A fraction is halved if its error is too large, and doubled if its error is small
     enough, so that BDF2 continues. Returns the load at the ring [N]. recorder: None, or that of
-    `row_tangents.keep_record`.
+    `tangents.keep_record`.
     """
     before = s[at.MEASURED_LOAD]
     fraction, done, true_load = s[at.FRACTION], 0.0, 0.0
@@ -264,7 +255,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
                 s[at.Q_OLD + i] = s[at.Q + i]
         done = reached
         if recorder is not None:
-            row_tangents.keep_record(m, recorder, h * fraction, aim, s, w)
+            tangents.keep_record(m, recorder, h * fraction, aim, s, w)
         # A step of twice the length has eight times the error.
         if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * MAX_STEP_ERROR
                 and done % (2.0 * fraction) == 0.0):
@@ -374,9 +365,9 @@ def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zer
     recorder = (records, parts, np.zeros(3), grows)
     rest(m, rows, uniform, s, time[0], zero_load, w)
     q, v = s[at.Q:at.Q + 3], s[at.V:at.V + 3]
-    row_tangents.forces_of_step(m, rows, uniform, q, v, recorder, w)
+    tangents.forces_of_step(m, rows, uniform, q, v, recorder, w)
     records[0] = 0.0
-    row_tangents.keep_sums(records[0], parts, w)
+    tangents.keep_sums(records[0], parts, w)
     follow(m, rows, uniform, s, time, load, max_step, q_out, d_out, recorder, w)
 
 

@@ -2,7 +2,9 @@
 
 At a solved step the residual R(q, theta) is zero, so that dq = -(dR/dq)^-1 dR/dtheta (implicit
 function theorem); dR/dq is the 3 x 3 matrix of the step. One pass along the motion gives the
-derivatives: the sums over the rollers are those that the simulation recorded (row_tangents.py).
+derivatives: the sums over the rollers are those that the simulation recorded. A simulation
+records its steps with these sums: the last Newton update is so small that the sums of its last
+forces belong to the end of the step.
 
 The model linearised about a motion serves small errors of the load:
 m d2(dq) + D(t) d(dq) + K(t) dq = b dP.
@@ -13,20 +15,147 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.ring.kernels import contact
+from saddlering_ros.ring.kernels import extension_laws as laws
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.contact import PARTS, ring_forces
 from saddlering_ros.ring.kernels.equilibrium import differences, solve3, system
-from saddlering_ros.ring.kernels.extension_laws import HELD_SHARE, hysteron, state_at_rest
-from saddlering_ros.ring.kernels.integration import load_at_rest
 from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel, OUTER
-from saddlering_ros.ring.kernels.row_tangents import (
-    forces_by_geometry,
-    forces_by_law,
-    keep_sums,
-    LAWS,
-    PLAIN_LAW,
-    STEP,
-)
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_geometry(rows: Any, change: Any, places: Any, each: Any) -> Any:
+    """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
+    cosines, weights, gaps, count = places
+    s0 = s1 = 0.0
+    for j in range(count):
+        force = each[0, j]
+        by = change[weights + j] * force - rows[weights + j] * each[1, j] * change[gaps + j]
+        by = by if force > contact.MIN_FORCE else 0.0
+        s0 += by
+        s1 += by * rows[cosines + j]
+    return s0, s1
+
+
+@kernel(**INNER)
+def geometry_of_rows(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: Any, growing: Any,
+                     saturation: Any, each: Any, by: Any) -> Any:
+    """`forces_by_geometry` for growing damping, or None, as in `row_sums`."""
+    radius, height = m.radius, m.radial_row_height
+    motions = contact.row_motions(m, q[0], q[1], q[2], v[0], v[1], v[2])
+    law, rollers = contact.row_laws(m), contact.row_rollers(m)
+    for row in range(3):
+        if not moves[:, row].any():
+            continue
+        a, b, _, _ = motions[row]
+        places = contact.in_contact(rows, row, rollers[row], False, a, b, 0.0)
+        contact.row_sums(rows, row, rollers[row], False, motions[row], law[row], growing,
+                         saturation, 0.0, None, each, places)
+        for j in range(geometry.shape[0]):
+            if moves[j, row]:
+                s0, s1 = row_geometry(rows, geometry[j], places, each)
+                if row == 2:
+                    by[0, j] -= s1
+                    by[2, j] -= height * s1
+                else:
+                    side = 1.0 if row == 0 else -1.0
+                    by[1, j] -= side * s0
+                    by[2, j] += side * radius * s1
+
+
+@kernel(**INNER)
+def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: Any, each: Any,
+                       by: Any) -> Any:
+    """Add to the first columns of by (3, P) the changes by rollers, geometry (G, 9 J).
+
+    moves (G, 3): whether a direction changes the upper, the lower and the radial row; each (2, J):
+    work array.
+    """
+    if m.damping_penetration_share == 0.0:
+        geometry_of_rows(m, rows, geometry, moves, q, v, None, None, each, by)
+    else:
+        growing = m.damping_penetration_share, m.damping_penetration_exponent
+        geometry_of_rows(m, rows, geometry, moves, q, v, growing,
+                         m.damping_penetration_saturation, each, by)
+
+
+@kernel(fastmath=FAST, **INNER)
+def forces_by_law(m: Any, sums: Any, law: Any, by: Any) -> Any:
+    """Add to by (3, P) the change of the ring's forces by changes of the rows' laws (3, LAW, P).
+
+    sums (5 L,) of `keep_sums` for the first L parameters of a law. Directions are the
+    last axis, so that the loop becomes vector code.
+    """
+    radius, height = m.radius, m.radial_row_height
+    for i in range(sums.size // 5):
+        up0, up1 = sums[5 * i], radius * sums[5 * i + 1]
+        low0, low1 = sums[5 * i + 2], radius * sums[5 * i + 3]
+        s1 = sums[5 * i + 4]
+        for j in range(law.shape[2]):
+            upper, lower, radial = law[0, i, j], law[1, i, j], s1 * law[2, i, j]
+            by[0, j] -= radial
+            by[1, j] += low0 * lower - up0 * upper
+            by[2, j] += up1 * upper - low1 * lower - height * radial
+
+
+STEP = 5
+"""First numbers of a record: length [s], measured load [N] and q of a step."""
+
+LAWS = STEP + 10
+"""First place of a record with sums for parameters of a law; before it, stiffness and damping."""
+
+PLAIN_LAW = 3
+"""Number of the parameters of a law that change a force without growing damping."""
+
+
+@kernel(**INNER)
+def forces_of_step(m: Any, rows: Any, uniform: Any, q: Any, v: Any, recorder: Any,
+                   w: Any) -> Any:
+    """`ring_forces` at motion q and its rate v; with a recorder, tangents as well."""
+    if recorder is None:
+        ring_forces(m, rows, uniform, q[0], q[1], q[2], v[0], v[1], v[2], w, None, False)
+    else:
+        _, parts, last, grows = recorder
+        for i in range(3):
+            last[i] = v[i]
+        ring_forces(m, rows, uniform, q[0], q[1], q[2], v[0], v[1], v[2], w, parts, grows)
+
+
+@kernel(**INNER)
+def keep_record(m: Any, recorder: Any, length: Any, load: Any, s: Any, w: Any) -> Any:
+    """Record a solved step; the first number of all counts the steps, also those without room."""
+    records, parts, last, _ = recorder
+    records[0, 0] += 1.0
+    number = int(records[0, 0])
+    if number < records.shape[0]:
+        records[number, 0], records[number, 1] = length, load
+        for i in range(3):
+            records[number, 2 + i] = s[at.Q + i]
+        # Advance the sums of the dampers by the last change of the rates, which are small. A
+        # position is known far better than its rate: the other sums need no such correction.
+        dv1, dv2 = s[at.V + 1] - last[1], s[at.V + 2] - last[2]
+        lean, radial = m.radius * dv2, s[at.V] - last[0] + m.radial_row_height * dv2
+        if m.D1 > 0.0:
+            for row, side in ((0, 1.0), (1, -1.0)):
+                for i in range(2):
+                    parts[row, 7 + i] += side * ((parts[row, i] * dv1
+                                                  - parts[row, 1 + i] * lean) / m.D1)
+        if m.D2 > 0.0:
+            parts[2, 8] += parts[2, 2] * radial / m.D2
+        keep_sums(records[number], parts, w)
+
+
+@kernel(**INNER)
+def keep_sums(record: Any, parts: Any, w: Any) -> Any:
+    """Fill a record with matrices and, per parameter of the law, five sums of the three rows."""
+    for i in range(5):
+        record[STEP + i] = w[at.STIFFNESS + i]
+        record[STEP + 5 + i] = w[at.DAMPING + i]
+    for i in range((record.size - LAWS) // 5):
+        place = LAWS + 5 * i
+        record[place], record[place + 1] = parts[0, 3 + 2 * i], parts[0, 4 + 2 * i]
+        record[place + 2], record[place + 3] = parts[1, 3 + 2 * i], parts[1, 4 + 2 * i]
+        record[place + 4] = parts[2, 4 + 2 * i]
 
 
 @kernel(fastmath=FAST, **INNER)
@@ -108,7 +237,7 @@ def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: A
         for i in range(3):
             moves[j, i] = np.any(geometry[j, (3 * i + 1) * places:3 * (i + 1) * places])
     w = np.zeros(at.WORK_SIZE)
-    load_at_rest(m, np.zeros(at.STATE_SIZE), zero_load, w)
+    laws.load_at_rest(m, np.zeros(at.STATE_SIZE), zero_load, w)
     return follow_tangents(
         m, rows, law, external, friction, geometry, records, time, path, out, rubs,
         w, np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
@@ -124,16 +253,17 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
     """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, motion.
 
     w begins with the load at rest; motion (3, 3): q, v, slopes of friction; moves (G, 3), each
-    (2, J): as in `row_tangents.forces_by_geometry`.
+    (2, J): as in `forces_by_geometry`.
     """
     frictions = (m.radial_friction, m.axial_friction, m.tilt_friction)
     for i, element in enumerate(frictions):
-        elements[i, 0] = elements[i, 1] = state_at_rest(element, i, w)
+        elements[i, 0] = elements[i, 1] = laws.state_at_rest(element, i, w)
         for j in range(friction.shape[0]):
             change = friction[j, i, 3]
             if elements[i, 0] != element.initial:
                 load = external[0, i, j] if external.shape[0] else 0.0
-                change = (HELD_SHARE * load - friction[j, i, 0] * elements[i, 0]) / element.limit
+                held = laws.HELD_SHARE * load - friction[j, i, 0] * elements[i, 0]
+                change = held / element.limit
             rubbed[i, j, 0] = rubbed[i, j, 1] = change
     q, v, slopes = motion[0], motion[1], motion[2]
     h_old, soft = 0.0, 1e-9 * m.K1
@@ -191,7 +321,7 @@ def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: A
             by[i, j] -= changes[j, 0] * z[0] + rubbed[j, 0] * element.limit
         return 0.0
     travel = path[n, i] - path[n - 1, i]
-    smooth, sharp, now, slope = hysteron(z[0], z[1], travel, element.presliding,
+    smooth, sharp, now, slope = laws.hysteron(z[0], z[1], travel, element.presliding,
                                          element.sharpness)
     step = hysteron_step(element, z, travel)
     for j in range(by.shape[1]):
@@ -212,7 +342,7 @@ def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
     for j in range(own.shape[1]):
         rubbed[j, 0], rubbed[j, 1] = hysteron_tangent(
             element, z, travel, step, rubbed[j], new[i, j] - own[i, j], changes[j, 1])
-    z[0], z[1], _, _ = hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
+    z[0], z[1], _, _ = laws.hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
 
 
 @kernel(**OUTER)
