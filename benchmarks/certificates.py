@@ -28,7 +28,9 @@ from scipy.stats import norm
 from scipy.stats.qmc import LatinHypercube
 
 from saddlering_ros import compare, rig
-from saddlering_ros.identification import Identification, IdentificationSettings, identify
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.result import Identification
+from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import Record
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE

@@ -44,7 +44,7 @@ from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import CHANNELS, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, sweep
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rigs import drawn_contact, NO_SCATTER, RIG, virtual_run
 
-from saddlering_ros.identification import IdentificationSettings, identify, validate
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.settings import IdentificationSettings
+from saddlering_ros.identification.validation import validate
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet
 from saddlering_ros.virtual_rig.integrator import Scatter

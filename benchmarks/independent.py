@@ -32,7 +32,7 @@ import numpy as np
 from rigs import RIG
 
 from saddlering_ros import diagnose
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder

@@ -22,7 +22,8 @@ from saddlering_ros.bags.reader import put_in_order
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.identification import Identification, identify
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.result import Identification
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
 from saddlering_ros.record.displacement import displacement_of_run

@@ -21,7 +21,7 @@ from rigs import RIG
 
 from saddlering_ros.rig import Displacement, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import displacement_to_probes
-from saddlering_ros.ring import static_response
+from saddlering_ros.ring.simulator import static_response
 
 EPOCH = 1_700_000_000_000_000_000
 BLOCK = 1 << 18
@@ -45,7 +45,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 def by_numpy(bag: Path) -> str:
-    from saddlering_ros.bags import read_raw
+    from saddlering_ros.bags.reader import read_raw
 
     topics = read_raw(bag).topics.values()
     return checksum(sum(int((topic.stamps - EPOCH).sum()) for topic in topics),
@@ -53,7 +53,7 @@ def by_numpy(bag: Path) -> str:
 
 
 def by_numpy_run(bag: Path) -> None:
-    from saddlering_ros.bags import read_run
+    from saddlering_ros.bags.reader import read_run
 
     assert read_run(bag).time.size
 
@@ -90,14 +90,14 @@ def checksum(stamps: int, values: float) -> str:
 
 
 READERS = {
-    'saddlering_ros.bags.read_raw': by_numpy,
-    'saddlering_ros.bags.read_run, checked and aligned': by_numpy_run,
+    'saddlering_ros.bags.reader.read_raw': by_numpy,
+    'saddlering_ros.bags.reader.read_run, checked and aligned': by_numpy_run,
     'rosbags': by_rosbags, 'mcap, decoded by rosbags': by_mcap}
 
 
 def read_by(reader: str, bag: Path) -> None:
     """Print the processor seconds of a reader and its checksum."""
-    for module in ('saddlering_ros.bags', 'mcap.reader', 'rosbags.highlevel'):
+    for module in ('saddlering_ros.bags.reader', 'mcap.reader', 'rosbags.highlevel'):
         importlib.import_module(module)
     began = time.process_time()
     total = READERS[reader](bag)

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, Record
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig, Displacement, FULL_SCALE_LOAD, ParameterSet, Rig, TONNE
 from saddlering_ros.rig.description import Probes
 from saddlering_ros.rig.geometry import displacement_to_probes
 from saddlering_ros.rig.parameter_file import ContactParameters, TRUE_TO_SCALE
-from saddlering_ros.ring import simulate, static_response
+from saddlering_ros.ring.simulator import simulate, static_response
 from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.integrator import Scatter
 

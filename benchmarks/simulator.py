@@ -23,7 +23,7 @@ import readable_ring as reference
 
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import dynamic_batch, probe_batch, static_batch
+from saddlering_ros.ring.simulator import dynamic_batch, probe_batch, static_batch
 
 ELEVATION = float(np.deg2rad(50.0))
 PLATEAUS = np.concatenate([np.arange(26), np.arange(24, -1, -1)]) * TONNE

@@ -15,7 +15,7 @@ from saddlering_ros.discrepancy.verdict.page import channels_of
 from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, MEASURED, NOISE
 from saddlering_ros.pages.html import png
 from saddlering_ros.rig import default_rig, ParameterSet, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate
 
 IMAGES = Path(__file__).resolve().parent / 'images'
 AXIS_PAGE = IMAGES.parent / 'own_simulator.md'

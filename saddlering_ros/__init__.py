@@ -1,8 +1,6 @@
 """saddlering_ros: a test rig for saddle rings, its simulator and its diagnosis, on ROS 2."""
 
-from collections.abc import Callable, Mapping
 from importlib import import_module
-import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
         ValidationResult,
     )
     from saddlering_ros.errors import Cancelled, SaddleringError
-    from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+    from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
     from saddlering_ros.progress import Progress, show_progress
     from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig
 
@@ -34,7 +32,7 @@ _PLACES = {name: place for place, names in {
     'api.functions': 'Curves compare diagnose displacement identify residual simulate validate',
     'api.inputs': 'Bag read_bag', 'errors': 'Cancelled SaddleringError',
     'api.results': 'ComparisonResult DiagnosisResult IdentificationResult ValidationResult',
-    'identification': 'IdentificationSettings SwarmSettings',
+    'identification.settings': 'IdentificationSettings SwarmSettings',
     'progress': 'Progress show_progress', 'rig': 'load_rig ParameterSet read_parameters Rig',
 }.items() for name in names.split()}
 """Where the public names are defined; they are imported when first used, which keeps the package
@@ -48,18 +46,13 @@ __all__ = [
     'residual', 'show_progress', 'simulate', 'validate',
 ]
 
-def names_on_first_use(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
-    """The `__getattr__` of a package; places: module of each name, below the package (PEP 562)."""
-    def get(name: str) -> Any:
-        if name not in places:
-            raise AttributeError(f'module {package!r} has no attribute {name!r}')
-        value = getattr(import_module(f'{package}.{places[name]}'), name)
-        setattr(sys.modules[package], name, value)
-        return value
-    return get
 
-
-__getattr__ = names_on_first_use(__name__, _PLACES)
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    value = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.ring import RingSimulator
+from saddlering_ros.ring.simulator import RingSimulator
 
 Floats = NDArray[np.float64]
 

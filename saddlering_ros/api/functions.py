@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros import diagnosis, identification
+from saddlering_ros import diagnosis
 from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import Bag, BagLike, ParametersLike, RigLike, runs_of
 from saddlering_ros.api.results import (
@@ -24,7 +24,8 @@ from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
-from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+from saddlering_ros.identification import methods, validation
+from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.record.batches import join
 from saddlering_ros.record.displacement import measured_stretches
@@ -79,7 +80,7 @@ def identify(
     given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
                              is_cancelled=is_cancelled)
     fitted, _ = inputs.for_fits(given.bags)
-    answer = identification.identify(
+    answer = methods.identify(
         runs_of(fitted), given.rig, settings, on_progress=on_progress, is_cancelled=is_cancelled)
     result = IdentificationResult(tuple(fitted), given.rig, given.files, answer)
     if answer.cancelled:
@@ -101,7 +102,7 @@ def validate(
     given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, parameters=parameters,
                              on_progress=on_progress, is_cancelled=is_cancelled)
     judged, _ = inputs.for_fits(given.bags)
-    answer = identification.validate(
+    answer = validation.validate(
         runs_of(judged), given.rig, law, Watch('validate', on_progress, is_cancelled))
     return ValidationResult(tuple(judged), given.rig, given.files, answer)
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.samples import displacement_columns
 from saddlering_ros.doubts import comparison
 from saddlering_ros.errors import SaddleringError

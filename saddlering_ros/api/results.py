@@ -17,9 +17,8 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
-from saddlering_ros.identification import Identification, Validation
-from saddlering_ros.identification.result import identification_text
-from saddlering_ros.identification.validation import Criterion, judge, validation_text
+from saddlering_ros.identification.result import Identification, identification_text
+from saddlering_ros.identification.validation import Criterion, judge, Validation, validation_text
 from saddlering_ros.quantities import verdict_line
 from saddlering_ros.rig import PARAMETER_NAMES, write_parameters
 

@@ -297,7 +297,7 @@ def take_effects(args: argparse.Namespace) -> None:
 
 def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
     """The test of one bag, with a bar; BagError if it states another rig, unless --trust-rig."""
-    from saddlering_ros.bags import read_run
+    from saddlering_ros.bags.reader import read_run
     from saddlering_ros.doubts.comparison import refuse_other_rig
 
     with Bar() as bar:

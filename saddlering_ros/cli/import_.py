@@ -113,7 +113,7 @@ def _import(args: argparse.Namespace) -> int:
 
 def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> list[str]:
     """Findings of `info` on the bags, and of `rig --check` where a rig file is given."""
-    from saddlering_ros.bags import bag_info
+    from saddlering_ros.bags.reader import bag_info
     from saddlering_ros.cli.rig import contradictions
 
     lines = []

@@ -10,7 +10,7 @@ from saddlering_ros.cli._arguments import Bar, Command, show_table, stdout_conso
 from saddlering_ros.errors import BagError, printable
 
 if TYPE_CHECKING:
-    from saddlering_ros.bags import BagInfo, TopicInfo
+    from saddlering_ros.bags.reader import BagInfo, TopicInfo
     from saddlering_ros.rig import Rig
 
 COMMANDS = (Command(
@@ -26,7 +26,7 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Show every bag; status 2 if one of them cannot be used."""
-    from saddlering_ros.bags import bag_info
+    from saddlering_ros.bags.reader import bag_info
     from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)

@@ -72,8 +72,7 @@ def play(
 
     on_cut: called with the place of a recording that an error cuts off.
     """
-    from saddlering_ros.bags import read_raw
-    from saddlering_ros.bags.reader import usable_facts
+    from saddlering_ros.bags.reader import read_raw, usable_facts
     from saddlering_ros.doubts.comparison import refuse_other_hash
     from saddlering_ros.doubts.readings import absent_topic
     from saddlering_ros.record.topics import LOAD_TOPIC

@@ -154,7 +154,7 @@ def _prepared(args: argparse.Namespace, rig: Rig) -> tuple[list[list[str]], Call
     A fault of the other arguments is reported before any bag is read.
     """
     from saddlering_ros import compare, diagnose, identify, read_parameters, validate
-    from saddlering_ros.identification import IdentificationError, IdentificationSettings
+    from saddlering_ros.identification.settings import IdentificationError, IdentificationSettings
 
     def diagnosed(fitted: Any, held_out: Any, **options: Any) -> Any:
         result = diagnose(fitted, hold_out=held_out, parameters=args.params, seed=args.seed,

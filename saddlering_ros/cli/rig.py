@@ -90,7 +90,7 @@ def contradictions(
 
     elevation [rad] in place of the stated one.
     """
-    from saddlering_ros.bags import read_raw, read_run
+    from saddlering_ros.bags.reader import read_raw, read_run
     from saddlering_ros.doubts.on_rig import check_rig, elevations_alike
     from saddlering_ros.record import condensed
 

@@ -22,7 +22,8 @@ from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification import Identification, identify
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.result import Identification
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record import Record

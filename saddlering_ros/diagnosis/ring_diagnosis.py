@@ -16,7 +16,9 @@ from saddlering_ros.discrepancy import Diagnosis, probabilities_of, Settings
 from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.identification import Identification, IdentificationError, identify
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.result import Identification
+from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import told_once

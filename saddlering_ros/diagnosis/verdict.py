@@ -19,7 +19,7 @@ from saddlering_ros.diagnosis.records import Array, LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification import Identification
+from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent

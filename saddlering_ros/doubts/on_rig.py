@@ -348,7 +348,7 @@ def _agrees(rig: Rig, run: Record, measured: Floats, elevation: float) -> bool:
     for the elevation that gives the angles over both parts of the load and is not much too stiff.
     """
     # `info` of a bag without a doubt needs no simulator, whose import takes a second.
-    from saddlering_ros.ring import static_batch
+    from saddlering_ros.ring.simulator import static_batch
 
     load = np.linspace(rig.preload, float(np.nanmax(run.load)), EXPECTED_LOADS)
     contacts = [replace(TRUE_TO_SCALE, K1=float(stiffness)).to_array()

@@ -11,13 +11,19 @@ from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification import IdentificationError, IdentificationSettings, observation
 from saddlering_ros.identification import objective as objectives
+from saddlering_ros.identification import observation
 from saddlering_ros.identification.objective import average_branches, refine, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import prepare, PreparedRun, run_name, warnings_of
 from saddlering_ros.identification.result import Identification
-from saddlering_ros.identification.settings import Bounds, StopReason, SwarmSettings
+from saddlering_ros.identification.settings import (
+    Bounds,
+    IdentificationError,
+    IdentificationSettings,
+    StopReason,
+    SwarmSettings,
+)
 from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.quantities import told_once

@@ -16,9 +16,8 @@ from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.progress import IsCancelled, SearchStep
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.geometry import probes_to_displacement, with_absent
-from saddlering_ros.ring import dynamic_batch, probe_batch, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
-from saddlering_ros.ring.simulator import in_parallel
+from saddlering_ros.ring.simulator import dynamic_batch, in_parallel, probe_batch, static_batch
 from saddlering_ros.ring.small_errors import SmallError, with_error
 
 LONGEST_STEP = 2e-3

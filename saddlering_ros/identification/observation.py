@@ -21,8 +21,8 @@ from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Wh
 from saddlering_ros.identification import prepared
 from saddlering_ros.identification.prepared import NoiseModel, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
-from saddlering_ros.ring import static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
+from saddlering_ros.ring.simulator import static_response
 
 
 class LoadErrors(NamedTuple):

@@ -15,7 +15,7 @@ from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, pl
 from saddlering_ros.record.displacement import zero_of_run
 from saddlering_ros.record.record import SPAN_MARGIN
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate
 
 CHANNEL_COUNT = 3
 """delta_x, delta_y, gamma."""

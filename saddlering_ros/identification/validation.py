@@ -28,8 +28,8 @@ from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet, Rig
 from saddlering_ros.rig.geometry import MOTION
-from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.sensitivity import static_sensitivities
+from saddlering_ros.ring.simulator import simulate, static_response
 from saddlering_ros.ring.small_errors import sound_deviation
 
 HARDLY_MOVES = ('noise is more than a tenth of the measured or the simulated motion in {}: '

@@ -12,7 +12,7 @@ from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 if TYPE_CHECKING:
-    from saddlering_ros.identification import IdentificationSettings
+    from saddlering_ros.identification.settings import IdentificationSettings
 
 PRELOADED = ('saddlering_ros.api.functions',)
 """What the worker imports before the first job."""

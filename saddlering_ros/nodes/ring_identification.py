@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from saddlering_interfaces.action import IdentifyRing
-from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep

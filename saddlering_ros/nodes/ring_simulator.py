@@ -101,7 +101,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._make(chosen)
         self._in_force = chosen  # from now on, news of the elevation start it anew
         # Load the compiled kernels before the first sample needs them.
-        from saddlering_ros.ring import simulate
+        from saddlering_ros.ring.simulator import simulate
         times = [0.001 * step for step in range(10)]
         simulate(self._rig, self._in_force, self._elevation, times, [self._rig.preload] * 10)
         self._tell_in_force()

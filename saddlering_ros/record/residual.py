@@ -16,8 +16,7 @@ from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.rig.geometry import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS, ZeroReading
-from saddlering_ros.ring import RingSimulator, SimulationError
-from saddlering_ros.ring.simulator import simulate_in_blocks
+from saddlering_ros.ring.simulator import RingSimulator, simulate_in_blocks, SimulationError
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""

@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rosgraph_msgs.msg import Clock
 
 from saddlering_interfaces.msg import ReplayState
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.bags.wire import decode_time, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE

@@ -11,8 +11,9 @@ sys.path.append(str(Path(__file__).parent.parent / 'identification'))
 from identification_records import dynamic_run, RIG, static_run
 
 from saddlering_ros import Cancelled, diagnose, identify, Progress
-from saddlering_ros.bags import write_bag
-from saddlering_ros.identification import Identification, IdentificationSettings, SwarmSettings
+from saddlering_ros.bags.write import write_bag
+from saddlering_ros.identification.result import Identification
+from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs import requests as identification_job
 from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.jobs.worker import Worker

@@ -31,8 +31,8 @@ from saddlering_ros import (
     validate,
 )
 from saddlering_ros.api.inputs import frame
-from saddlering_ros.bags import write_bag
-from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+from saddlering_ros.bags.write import write_bag
+from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.record import TestMetadata
 
 QUICK = {'particles': 8, 'iterations': 6, 'seed': 1}

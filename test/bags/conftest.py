@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from raw_messages import cdr
 
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE

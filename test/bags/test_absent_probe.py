@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw, read_run, write_bag
-from saddlering_ros.bags.reader import bag_info
+from saddlering_ros.bags.reader import bag_info, read_raw, read_run
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import bag_info, read_raw, read_run
+from saddlering_ros.bags.reader import bag_info, read_raw, read_run
 from saddlering_ros.bags.wire import decode_samples, encode_samples
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.aligner import Aligner

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
-from saddlering_ros.bags.reader import raw_topic
+from saddlering_ros.bags.reader import bag_info, raw_topic, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS

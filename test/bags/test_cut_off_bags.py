@@ -6,7 +6,7 @@ from mcap.reader import make_reader
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC

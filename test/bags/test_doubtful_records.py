@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings

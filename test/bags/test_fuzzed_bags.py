@@ -16,8 +16,8 @@ from raw_messages import cdr
 import yaml
 import zstandard
 
-from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.folder import INFORMATION
+from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.plateaus import plateaus

@@ -10,7 +10,7 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros import record
-from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros import rig
-from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, join
 from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run

@@ -12,8 +12,8 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 import zstandard
 
-from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.folder import find_metadata
+from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 
 PROBE = PROBE_TOPICS[1]

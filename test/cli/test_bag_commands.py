@@ -8,7 +8,8 @@ from pushed import pushed
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.bags.reader import read_run
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.rig import (
@@ -21,7 +22,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.ring import RingSimulator, simulate
+from saddlering_ros.ring.simulator import RingSimulator, simulate
 
 EPOCH = 1_700_000_000_000_000_000
 HEADER = 'stamp_ns,time,load,delta_x,delta_y,gamma,parity,validity'

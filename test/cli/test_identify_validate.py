@@ -12,7 +12,7 @@ from shared_pictures import DRAWN, drawn_once
 sys.path.append(str(Path(__file__).parent.parent / 'identification'))
 from identification_records import dynamic_run, RIG, static_run
 
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import read_parameters, TRUE_TO_SCALE

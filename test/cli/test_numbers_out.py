@@ -15,7 +15,7 @@ import rclpy
 from rosbags.highlevel import AnyReader
 
 from saddlering_ros import rig
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.rig import CHANNELS, ParameterSet, TRUE_TO_SCALE, write_parameters

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros import read_bag
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.comparison import refuse_other_rig, refuse_repeats
 from saddlering_ros.errors import BagError

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.bags.reader import read_run
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters

@@ -5,7 +5,7 @@ from dataclasses import replace
 from few_effects import few_effects
 import numpy as np
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis import diagnose_ring
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem

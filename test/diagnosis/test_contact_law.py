@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis import ring_diagnosis
 from saddlering_ros.diagnosis.verdict import contact_law
 from saddlering_ros.discrepancy import Estimate
-from saddlering_ros.identification import identify
+from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.report.chapters import of_file

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from saddlering_ros import diagnose, diagnosis
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.diagnosis import DiagnosisError
 from saddlering_ros.diagnosis.records import build_record, check_set

@@ -9,7 +9,7 @@ from few_effects import few_effects
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis import diagnose_ring, next_test, ring_wording
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of

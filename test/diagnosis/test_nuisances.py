@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import LOAD_WANDER, MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks

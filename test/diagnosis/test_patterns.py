@@ -6,7 +6,7 @@ from few_effects import few_effects
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks

@@ -9,7 +9,7 @@ import pytest
 from shared_verdicts import shared_diagnose
 
 from saddlering_ros import diagnose, diagnosis
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
@@ -17,7 +17,7 @@ from saddlering_ros.effects import catalogue, EffectError, extension_of
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.record import plateaus, Record
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import probe_batch
+from saddlering_ros.ring.simulator import probe_batch
 
 
 @pytest.fixture(scope='module')

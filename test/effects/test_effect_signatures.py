@@ -25,7 +25,7 @@ from saddlering_ros.rig import (
     TONNE,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import probe_batch, simulate, static_batch
+from saddlering_ros.ring.simulator import probe_batch, simulate, static_batch
 
 Floats = NDArray[np.float64]
 

@@ -8,14 +8,13 @@ from pushed import pushed
 import pytest
 
 from saddlering_ros import effects, rig
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import EffectError, use_folder
 from saddlering_ros.effects.law import Law, LawHistory, read_law_effect
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
-from saddlering_ros.ring import simulate
-from saddlering_ros.ring.simulator import RingSimulator
+from saddlering_ros.ring.simulator import RingSimulator, simulate
 
 RIG = default_rig()
 TIME = np.arange(0.0, 3.0, 2e-3)

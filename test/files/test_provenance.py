@@ -9,7 +9,7 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros import __version__, DiagnosisResult, rig
-from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import Origin, sha256_of_file, share_directory, versions_in_use
 from saddlering_ros.rig import default_rig, ParameterSet, read_parameters, TRUE_TO_SCALE

@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.bags.reader import read_run
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import BagError, SaddleringError
 from saddlering_ros.files import exchange, temporary_folder, whole_file, write_text
 from saddlering_ros.record import TestMetadata

@@ -9,7 +9,7 @@ from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import Record
 from saddlering_ros.rig import ContactParameters, default_rig, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import displacement_to_probes
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate
 
 RIG = default_rig()
 GAP_AT_ZERO = 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.effects import effect, NO_EXTENSION
-from saddlering_ros.identification import identify
+from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.objective import changes_by, predict
 from saddlering_ros.identification.observation import observe_prepared
 from saddlering_ros.identification.prepared import prepare

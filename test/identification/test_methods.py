@@ -9,14 +9,17 @@ from identification_records import dynamic_run, observe, record, RIG, staircase,
 import numpy as np
 import pytest
 
-from saddlering_ros import identification
 from saddlering_ros.estimation.least_squares import SearchSpace
-from saddlering_ros.identification import identify, methods, SwarmSettings, uncertainty
+from saddlering_ros.identification import methods, uncertainty
 from saddlering_ros.identification import objective as objectives
-from saddlering_ros.identification.methods import MISFIT_ADVICE
+from saddlering_ros.identification.methods import identify, MISFIT_ADVICE
 from saddlering_ros.identification.objective import average_branches, predict, WeightedObjective
 from saddlering_ros.identification.result import identification_text
-from saddlering_ros.identification.settings import IdentificationSettings
+from saddlering_ros.identification.settings import (
+    IdentificationError,
+    IdentificationSettings,
+    SwarmSettings,
+)
 from saddlering_ros.identification.uncertainty import assess, joint_axes, reason_open
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
@@ -297,7 +300,7 @@ def still():
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
     (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1')])
 def test_runs_and_bounds_that_give_no_law_are_refused_in_one_line(runs, settings, said):
-    with pytest.raises(identification.IdentificationError, match=said) as caught:
+    with pytest.raises(IdentificationError, match=said) as caught:
         identify(runs(), RIG, IdentificationSettings(**settings))
     assert '\n' not in str(caught.value)
 
@@ -308,7 +311,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
         return np.full((len(contacts), 3, len(observation.load)), np.nan)
 
     monkeypatch.setattr('saddlering_ros.identification.objective.predict', broken)
-    with pytest.raises(identification.IdentificationError, match='not a number') as caught:
+    with pytest.raises(IdentificationError, match='not a number') as caught:
         identify(four_runs, RIG, IdentificationSettings(method=method))
     assert '\n' not in str(caught.value)
 
@@ -316,7 +319,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
 @pytest.mark.parametrize(
     'wrong', [{'method': 'best'}, {'bounds': {'K3': (1.0, 2.0)}}, {'fit_rate': 0.0}])
 def test_settings_that_mean_nothing_are_refused(wrong):
-    with pytest.raises(identification.IdentificationError):
+    with pytest.raises(IdentificationError):
         IdentificationSettings(**wrong)
 
 
@@ -340,7 +343,7 @@ def test_what_a_probe_at_the_end_of_its_span_reads_is_left_out(four_runs):
 @pytest.mark.parametrize('number', [0, 1])
 def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number):
     run, rig = clipped(four_runs[number], 1.0005e-3)
-    with pytest.raises(identification.IdentificationError, match='limit of their span') as caught:
+    with pytest.raises(IdentificationError, match='limit of their span') as caught:
         identify([run], rig)
     assert '\n' not in str(caught.value)
 

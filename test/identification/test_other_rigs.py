@@ -9,7 +9,8 @@ from benchmarks.rigs import sized_rig, virtual_run
 from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.doubts.readings import check_load_unit
 from saddlering_ros.errors import BagError
-from saddlering_ros.identification import IdentificationError, identify
+from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.quality import topic_quality

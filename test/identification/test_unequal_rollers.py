@@ -8,9 +8,10 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.examiner import draw_truth
-from saddlering_ros.bags import read_run
-from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
+from saddlering_ros.bags.reader import read_run
+from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.identification.uncertainty import MAX_SOUND, roller_effects
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES

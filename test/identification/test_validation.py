@@ -8,12 +8,13 @@ from identification_records import dynamic_run, ramp, record, RIG, static_run
 import numpy as np
 import pytest
 
-from saddlering_ros.identification import IdentificationError, validate, validation
+from saddlering_ros.identification import validation
 from saddlering_ros.identification.figures import rate
-from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
+from saddlering_ros.identification.settings import IdentificationError
+from saddlering_ros.identification.validation import COLUMNS, judge, validate, validation_text
 from saddlering_ros.report.reports import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.ring import static_response
+from saddlering_ros.ring.simulator import static_response
 
 TRUTH = ParameterSet(TRUE_TO_SCALE)
 

@@ -9,7 +9,7 @@ from logger_files import CHANNELS
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.convert import import_files, ImportResult
 from saddlering_ros.importing.mapping import read_map

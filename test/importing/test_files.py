@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING, RegularTime
 from saddlering_ros.importing.convert import import_files, save_preview
 from saddlering_ros.importing.draft import draft_map

@@ -10,7 +10,7 @@ from map_documents import cells, convert, document, LOAD, plain_table, PROBE, re
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.errors import BagError
 from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.rig import default_rig

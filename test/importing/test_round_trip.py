@@ -8,7 +8,7 @@ from map_documents import convert
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.files import sha256_of_file
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.rig.instruments import stated_by

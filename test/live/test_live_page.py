@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig

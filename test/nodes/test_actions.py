@@ -16,7 +16,7 @@ from rosnet import Client, Driver, wait_until
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.api import functions
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.jobs import requests
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements, Samples

@@ -12,7 +12,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters

@@ -10,7 +10,7 @@ from rosnet import ACTIVATE, ANEW, Client, client, DEACTIVATE, lead, set_paramet
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayState, RingParameters
-from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
 from saddlering_ros.record import TestMetadata

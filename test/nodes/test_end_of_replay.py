@@ -15,7 +15,7 @@ from rosnet import Client, ended, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.cli.main import main
 from saddlering_ros.ros.launcher import NodeGroup, ros_arguments
 from saddlering_ros.ros.messages import LockstepGroup

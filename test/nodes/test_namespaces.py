@@ -12,12 +12,13 @@ from rosnet import Client, Driver, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.wire import decode_displacements
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.live.recorder import recording
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import NodeGroup, start_nodes
 from saddlering_ros.ros.names import namespace_of, NodeError, PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription

@@ -10,8 +10,7 @@ from made_once import MadeOnce
 import pytest
 
 from benchmarks.examiner import draw_truth, plan_run, RecordSettings, RunPlan
-from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.bags.reader import bag_info
+from saddlering_ros.bags.reader import bag_info, read_raw, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError, TRUE_TO_SCALE

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import dynamic_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion
+from saddlering_ros.ring.simulator import dynamic_batch
 
 RIG = default_rig()
 ELEVATION = 0.9

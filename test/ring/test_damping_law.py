@@ -16,9 +16,9 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import probe_batch, simulate, static_batch
 from saddlering_ros.ring.kernels import contact
 from saddlering_ros.ring.model import FAR_OFF
+from saddlering_ros.ring.simulator import probe_batch, simulate, static_batch
 
 RIG = default_rig()
 ELEVATION = float(np.radians(50.0))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import ContactParameters, default_rig, FULL_SCALE_LOAD
-from saddlering_ros.ring import dynamic_batch, static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
+from saddlering_ros.ring.simulator import dynamic_batch, static_response
 
 RIG = default_rig()
 NODES, STEPS, STEP = 100, 5, 4e-3

@@ -9,9 +9,9 @@ from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEf
 from saddlering_ros.effects.base import Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import ContactParameters, default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
-from saddlering_ros.ring import probe_batch, static_batch
 from saddlering_ros.ring.kernels import integration
 from saddlering_ros.ring.sensitivity import FollowedMotion, Neighbourhoods, static_sensitivities
+from saddlering_ros.ring.simulator import probe_batch, static_batch
 
 RIG, ELEVATION = default_rig(), 0.9
 LAW = TRUE_TO_SCALE.to_array()

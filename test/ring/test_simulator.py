@@ -5,12 +5,18 @@ from pushed import pushed
 import pytest
 import readable_ring as reference
 
-from saddlering_ros import ring
 from saddlering_ros.effects import catalogue, NO_EXTENSION
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.parameter_file import ContactParameters, PARAMETER_NAMES
-from saddlering_ros.ring import dynamic_batch, probe_batch, simulate, SimulationError, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion
+from saddlering_ros.ring.simulator import (
+    dynamic_batch,
+    probe_batch,
+    RingSimulator,
+    simulate,
+    SimulationError,
+    static_batch,
+)
 
 RIG = default_rig()
 STATIC_LOADS = np.concatenate([np.arange(1, 26), np.arange(24, 0, -1)]) * TONNE
@@ -76,7 +82,7 @@ def test_pushing_batches_of_any_size_gives_the_whole_records_numbers_to_the_last
         parameters = ParameterSet(TRUE_TO_SCALE, chosen)
         whole = simulate(RIG, parameters, np.deg2rad(50.0), time, load)
         for sizes in ((1,), (7, 1, 300, 90)):
-            live = ring.RingSimulator(RIG, parameters, np.deg2rad(50.0))
+            live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
             times, probes = pushed(live, time, load, sizes)
             assert np.array_equal(times, whole.time)
             assert np.array_equal(probes, whole.probes)
@@ -85,7 +91,7 @@ def test_pushing_batches_of_any_size_gives_the_whole_records_numbers_to_the_last
 def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
     time, load = dynamic_record()
     parameters = ParameterSet(TRUE_TO_SCALE, {'clock_offset': {'offset': -0.0125}})
-    live = ring.RingSimulator(RIG, parameters, np.deg2rad(50.0))
+    live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
     times, probes = pushed(live, time, load)
     assert times[-1] == pytest.approx(time[-1] - 0.0125, abs=2e-3)
     plain = simulate(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0), time, load)
@@ -95,7 +101,7 @@ def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
 
 def test_reset_forgets_the_past_completely() -> None:
     time, load = dynamic_record(0.8)
-    simulator = ring.RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
+    simulator = RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
     _, first = pushed(simulator, time, load)
     simulator.reset()
     _, again = pushed(simulator, time, load)
@@ -192,7 +198,7 @@ def test_a_batch_is_refused_where_an_argument_is_no_finite_number(
 @pytest.mark.parametrize('step', [0.0, -1e-3])
 def test_a_step_that_does_not_move_time_on_is_refused(step: float) -> None:
     with pytest.raises(SimulationError, match='longest step is'):
-        ring.RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=step)
+        RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=step)
 
 
 @pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])

@@ -16,8 +16,8 @@ from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, Rig, RollerRow
 from saddlering_ros.rig.description import Carriage, Trunnion
 from saddlering_ros.rig.parameter_file import ContactParameters, PARAMETER_NAMES, TRUE_TO_SCALE
-from saddlering_ros.ring import dynamic_batch, RingSimulator, simulate, static_batch
 from saddlering_ros.ring.kernels import integration, layout
+from saddlering_ros.ring.simulator import dynamic_batch, RingSimulator, simulate, static_batch
 
 BASE = default_rig()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)

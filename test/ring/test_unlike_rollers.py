@@ -8,8 +8,8 @@ import readable_ring as reference
 
 from saddlering_ros.effects import extension_of
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import static_batch
 from saddlering_ros.ring.model import mixed, rows_of
+from saddlering_ros.ring.simulator import static_batch
 from saddlering_ros.ring.small_errors import known_rigs
 
 RIG = default_rig()

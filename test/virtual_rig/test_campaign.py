@@ -13,7 +13,7 @@ import zstandard
 
 from benchmarks import examiner
 from benchmarks.examiner import CLEAN, draw_truth, KINDS, open_seal, OUTSIDE, PAIR, SEALED, SINGLE
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.virtual_rig.effects import EFFECTS
 

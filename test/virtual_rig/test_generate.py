@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.generate import _plan
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.rig import TONNE

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.examiner import draw_truth, DrawSettings
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE

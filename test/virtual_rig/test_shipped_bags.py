@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.examiner import RUNS, write_campaign
-from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.monitoring.detector import RestLearner
 from saddlering_ros.monitoring.monitor import SHORT_REST
 from saddlering_ros.record import displacement_of_run, plateaus
