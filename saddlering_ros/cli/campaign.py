@@ -53,10 +53,11 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet; or show the status of a store."""
-    from saddlering_ros.campaign.store import CampaignError, Store
+    from saddlering_ros.campaign import running, sessions, task
+    from saddlering_ros.campaign.sessions import CampaignError
 
     if str(args.folder) == 'status' and args.store is not None:
-        status = Store(args.store).read_status()
+        status = running.Store(args.store).read_status()
         state = 'running' if status.running else 'finished' if status.done == status.total else (
             'stopped: repeat the command to continue')
         if status.running and time.time() - status.updated > STALE:
@@ -64,8 +65,6 @@ def run(args: argparse.Namespace) -> int:
         print(f'{status}; {state}')
         return 0
 
-    from saddlering_ros.campaign import sessions, task
-    from saddlering_ros.campaign.running import dask_workers, local_workers, run_campaign
     from saddlering_ros.campaign.tables import write_fleet, write_tables
     from saddlering_ros.fleet.attention import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -102,18 +101,19 @@ def run(args: argparse.Namespace) -> int:
               f'{sum(len(one.bags) for one in grouped)} bags')
     if args.plan:
         return 0
-    store = Store(args.out)
+    store = running.Store(args.out)
     store.prepare()
     sessions.write_manifest(store.folder, grouped, args.manifest)
     limits_of_one = task.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
     tasks = task.tasks_of(
         grouped, args.rig, limits_of_one,
         reports=store.reports if args.reports == 'flagged' else None)
-    workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
+    workers = (running.local_workers(args.jobs) if args.scheduler is None else
+               running.dask_workers(args.scheduler))
     with workers as slots, Bar() as bar:
         if slots.warning:
             print(f'saddlering campaign: {slots.warning}', file=sys.stderr)
-        summary = run_campaign(
+        summary = running.run_campaign(
             tasks, store, slots, retry=args.retry,
             on_status=lambda status: bar.show(
                 'campaign', status.done / max(status.total, 1), str(status)))

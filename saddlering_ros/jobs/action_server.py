@@ -67,6 +67,7 @@ class ActionNode(Node):
     goal ends: succeeded, canceled, or aborted with status REFUSED or FAILED.
     """
 
+    NODE: ClassVar[str]
     ACTION: ClassVar[Any]
     NAME: ClassVar[str]
 
@@ -83,8 +84,8 @@ class ActionNode(Node):
         parameters.HARDWARE_ID,
     )
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self) -> None:
+        super().__init__(self.NODE)
         self.settings = parameters.declare(self, self.PARAMETERS)
         self.rig: Rig = parameters.declare_rig(self)
         self._agreement = RigAgreement(self, self.rig)

@@ -16,11 +16,9 @@ from saddlering_ros.ros.streaming_node import executable
 class RingDiagnosisNode(ActionNode):
     """Serves /diagnose_ring."""
 
+    NODE = 'ring_diagnosis'
     ACTION = DiagnoseRing
     NAME = DIAGNOSE
-
-    def __init__(self) -> None:
-        super().__init__('ring_diagnosis')
 
     def request(self, goal: DiagnoseRing.Goal) -> DiagnosisRequest:
         if goal.before and (goal.hold_out or goal.parameters_file):

@@ -29,11 +29,9 @@ NO_ITERATION = SearchStep(0, 0, math.nan, (), 1.0)
 class RingIdentificationNode(ActionNode):
     """Serves /identify_ring."""
 
+    NODE = 'ring_identification'
     ACTION = IdentifyRing
     NAME = IDENTIFY
-
-    def __init__(self) -> None:
-        super().__init__('ring_identification')
 
     def request(self, goal: IdentifyRing.Goal) -> IdentificationRequest:
         self._done_share = 0.0

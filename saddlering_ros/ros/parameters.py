@@ -17,7 +17,7 @@ from rclpy.utilities import remove_ros_args
 import yaml
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
-from saddlering_ros.plain_yaml import is_number, read_strict_yaml
+from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.description import rig_from_parameters
 from saddlering_ros.rig.drawing import dotted, ENTRIES, entry_values
@@ -25,7 +25,7 @@ from saddlering_ros.rig.instruments import instruments_from
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold
 from saddlering_ros.ros.names import NodeError
 
-Value = bool | int | float | str | list[str] | list[float]
+Value = bool | float | str | list[str]
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,6 @@ class NodeParameter:
         if isinstance(self.default, float) and bounded:
             descriptor.floating_point_range = [
                 msg.FloatingPointRange(from_value=self.low, to_value=self.high)]
-        elif isinstance(self.default, int) and not isinstance(self.default, bool):
-            descriptor.integer_range = [
-                msg.IntegerRange(from_value=int(self.low), to_value=int(self.high))]
         return descriptor
 
     def refusal(self, value: Any) -> str:
@@ -72,11 +69,11 @@ class NodeParameter:
         if (self.name.endswith('frame_id') and value != self.default
                 and not re.fullmatch(r'[^/\s].*', str(value))):
             return f'{self.name} is {value!r}: give the name of a frame, without a / before it'
-        if self.nan_allowed and isinstance(value, float) and math.isnan(value):
+        if not isinstance(value, float) or (self.nan_allowed and math.isnan(value)):
             return ''
-        if isinstance(value, float) and not math.isfinite(value):
+        if not math.isfinite(value):
             return f'{self.name} is {value}: give a finite number'
-        if is_number(value) and not self.low <= value <= self.high:
+        if not self.low <= value <= self.high:
             return f'{self.name} is {value:g}: give a number from {self.low:g} to {self.high:g}'
         return ''
 
@@ -160,8 +157,7 @@ def _stripped(value: Any) -> Any:
     return value.strip() if isinstance(value, str) else value
 
 
-_KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text',
-          list: 'a list of texts'}
+_KINDS = {bool: 'true or false', float: 'a number', str: 'a text', list: 'a list of texts'}
 
 
 def declare_rig(node: Node) -> Rig:
