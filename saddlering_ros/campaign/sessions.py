@@ -5,7 +5,7 @@ a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides t
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
@@ -148,28 +148,21 @@ def find_bags(
     folder = Path(folder)
     if not folder.is_dir():
         raise CampaignError(f'{folder}: is not a folder: give the folder that holds the bags')
-    bags = []
-    for path in _places(folder):
-        bags.append(_look_at(path))
-        on_progress(len(bags))
-    return bags
-
-
-def _places(folder: Path) -> Iterator[Path]:
-    for here, folders, files in os.walk(folder):
+    found = []
+    for here, folders, names in os.walk(folder):
         folders.sort()
         place = Path(here)
-        recordings = sorted(name for name in files if name.endswith(bags.SUFFIXES))
+        recordings = sorted(name for name in names if name.endswith(bags.SUFFIXES))
         # rosbag2 names the parts of a split recording after their folder: name_0, name_1, ...
-        parts = {file.partition('.mcap')[0] for file in recordings}
-        names = {f'{place.name}_{number}' for number in range(len(recordings))}
-        if bags.METADATA in files:
+        is_split = len(recordings) > 1 and {file.partition('.mcap')[0] for file in recordings} == {
+            f'{place.name}_{number}' for number in range(len(recordings))}
+        if bags.METADATA in names:
             folders.clear()
-            yield place
-        elif len(recordings) > 1 and parts == names:
-            yield place
-        else:
-            yield from (place / name for name in recordings)
+        for path in ([place] if is_split or bags.METADATA in names else
+                     [place / name for name in recordings]):
+            found.append(_look_at(path))
+            on_progress(len(found))
+    return found
 
 
 def _look_at(path: Path) -> FoundBag:

@@ -17,7 +17,7 @@ from saddlering_ros.campaign.running import Store
 from saddlering_ros.campaign.sessions import CampaignError
 from saddlering_ros.campaign.task import SessionTask
 from saddlering_ros.files import whole_file, write_text
-from saddlering_ros.fleet.attention import Fleet, fleet_document, judge_fleet
+from saddlering_ros.fleet.attention import Fleet, fleet_document, fleet_page, judge_fleet
 from saddlering_ros.fleet.statistics import figures_of
 
 GROUP = 500
@@ -139,8 +139,6 @@ def p_value_of(document: Mapping[str, Any]) -> float:
 
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:
     """Judge the fleet of the sessions that have a verdict; write fleet.json and report.html."""
-    from saddlering_ros.fleet.page import fleet_page
-
     figures, failures = [], []
     for task, result in results_of(store, tasks):
         if result['status'] == 'failed':

@@ -38,6 +38,7 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, Rest
+from saddlering_ros.monitoring import DEFAULT_PERCENT
 from saddlering_ros.quantities import MAX_LOG
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, Rig
@@ -381,9 +382,6 @@ def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
     wander = max(read.wander if read.memory >= FAST_MEMORY else 0.0, least**2)
     return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER) if wander else 0.0)
 
-
-DEFAULT_PERCENT = 2.0
-"""Share of the range of the motion from preload to full scale [%]."""
 
 LOADS = 26
 """Loads at which the motion is looked at: a channel may turn back on the way to full scale."""

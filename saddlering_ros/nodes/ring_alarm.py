@@ -10,8 +10,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.monitoring import stream
-from saddlering_ros.monitoring.detector import DEFAULT_PERCENT
+from saddlering_ros.monitoring import DEFAULT_PERCENT, stream
 from saddlering_ros.monitoring.monitor import MonitorSettings, state_words
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import no_displacements, no_samples
