@@ -18,7 +18,7 @@ from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
-from saddlering_ros.record.batches import gap_mask, JITTER_NS
+from saddlering_ros.record.batches import Floats, gap_mask, JITTER_NS, Stamps
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
@@ -176,8 +176,7 @@ LONGEST_LEAP_NS = 3600 * 1_000_000_000
 
 
 def put_in_order(
-    where: str, stamps: NDArray[np.int64], log_times: Callable[[], NDArray[np.int64]],
-    values: NDArray[np.float64],
+    where: str, stamps: Stamps, log_times: Callable[[], Stamps], values: Floats,
 ) -> tuple[NDArray[np.int64] | slice, int, int]:
     """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none.
 
@@ -218,13 +217,13 @@ def put_in_order(
     return order[~repeated], int(late.sum()), int(repeated.sum())
 
 
-def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+def _lateness(stamps: Stamps) -> NDArray[np.int64]:
     """Distance of each stamp behind the newest before it [ns]; 0 for stamps in order."""
     return np.maximum.accumulate(stamps) - stamps if len(stamps) else stamps
 
 
 def _check_late(
-    where: str, stamps: NDArray[np.int64], log_times: NDArray[np.int64],
+    where: str, stamps: Stamps, log_times: Stamps,
     lateness: NDArray[np.int64], order: NDArray[np.int64],
 ) -> None:
     by_log = np.argsort(log_times, kind='stable')
@@ -252,7 +251,7 @@ def _check_late(
         raise _going_back(where, stamps, index, int(lateness.max()))
 
 
-def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int) -> BagError:
+def _going_back(where: str, stamps: Stamps, index: int, furthest: int) -> BagError:
     after = (stamps[:index].max() - stamps[0]) / 1e9 if index else 0.0
     return BagError(
         f'{where}: stamps go back by {furthest / 1e9:.6g} s, first at message {index} '
@@ -260,7 +259,7 @@ def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int
         'recordings; record again with a steady clock')
 
 
-def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
+def _check_leaps(where: str, ordered: Stamps) -> None:
     if count_where(lambda block: np.diff(block) > LONGEST_LEAP_NS, ordered, ahead=1):
         leaps = np.diff(ordered)
         index = int(np.argmax(leaps))

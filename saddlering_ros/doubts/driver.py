@@ -9,9 +9,9 @@ import numpy as np
 from saddlering_ros.doubts import FAULT, Finding
 from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
-from saddlering_ros.doubts.wiring import Floats, MIN_LOAD_SPAN, wiring_findings
+from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
-from saddlering_ros.record.batches import align, gap_mask, Samples, Stamps
+from saddlering_ros.record.batches import align, Floats, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic

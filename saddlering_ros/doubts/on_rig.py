@@ -13,8 +13,9 @@ import numpy as np
 from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.doubts.readings import LENGTH_UNITS
-from saddlering_ros.doubts.wiring import exchange_findings, Floats, wiring_findings
+from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.batches import Floats
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import complete_rows, count_where, extremes

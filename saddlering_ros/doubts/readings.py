@@ -9,15 +9,14 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.doubts import Finding
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record import batches, scratch
 from saddlering_ros.record import quality as logger_quality
-from saddlering_ros.record import scratch
 from saddlering_ros.record.aligner import aligned_record
-from saddlering_ros.record.batches import align, Bits, GAP_HISTORY, gap_mask, seconds_array
+from saddlering_ros.record.batches import align, Bits, Floats, gap_mask, Mask, Stamps
 from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.guard import limits_of, SampleGuard, sound_samples
 from saddlering_ros.record.quality import filter_lag, rate_share, topic_quality, TopicQuality
@@ -62,7 +61,7 @@ MAX_GAP_SHARE = 0.5
 """Share of a probe's record in gaps above which its stamps come by blocks."""
 
 
-def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+def check_values(where: str, stamps: Stamps, values: Floats) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
     if count_where(np.isfinite, values) == len(values):
         return
@@ -76,7 +75,7 @@ def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float
         'the sensor and record again')
 
 
-def check_load_unit(where: str, load: NDArray[np.float64], limits: LoadLimits) -> None:
+def check_load_unit(where: str, load: Floats, limits: LoadLimits) -> None:
     """Raise BagError if the load (N,) cannot be newtons of a pushing cylinder of this rig."""
     low, high = map(float, extremes(load))
     shown = f'the load runs from {low:.4g} to {high:.4g} N'
@@ -94,9 +93,7 @@ def check_load_unit(where: str, load: NDArray[np.float64], limits: LoadLimits) -
                        f"correct the rig file's full_scale_load ({limits.full_scale:g} N)")
 
 
-def check_probe_unit(
-    where: str, gaps: NDArray[np.float64], min_range: float, max_range: float,
-) -> None:
+def check_probe_unit(where: str, gaps: Floats, min_range: float, max_range: float) -> None:
     """Raise BagError if the gaps (N,) of a probe cannot be metres."""
     typical = float(np.median(np.abs(spread(gaps))))
     if _is_span(min_range, max_range) and max_range < MAX_SPAN:
@@ -131,9 +128,7 @@ def _measured_elevation(record: RawRecord) -> tuple[float, float, float]:
     return float(low), float(middle), float(high)
 
 
-def check_overlap(
-    where: str, load_stamps: NDArray[np.int64], topic: str, stamps: NDArray[np.int64],
-) -> None:
+def check_overlap(where: str, load_stamps: Stamps, topic: str, stamps: Stamps) -> None:
     """Raise BagError if a probe and the load were not recorded at the same time."""
     if stamps[0] <= load_stamps[-1] and load_stamps[0] <= stamps[-1]:
         return
@@ -155,7 +150,7 @@ def _stream_findings(topic: str, raw: RawTopic) -> list[Finding]:
                                f'longest {longest:.3f} s', topic)]
 
 
-def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding]:
+def _probe_findings(raw: RawTopic, aligned: Floats) -> list[Finding]:
     """Faults of the readings of a probe; `aligned` (N,) are those at the stamps of the load."""
     findings = _stream_findings(raw.topic, raw)
     low, high = raw.min_range, raw.max_range
@@ -176,7 +171,7 @@ def _is_span(low: float, high: float) -> bool:
     return math.isfinite(low) and math.isfinite(high) and low < high
 
 
-def unit_outside(values: NDArray[np.float64], low: float, high: float) -> str:
+def unit_outside(values: Floats, low: float, high: float) -> str:
     """Words on the unit of a probe's readings, of which most lie outside of its span."""
     typical = float(np.median(np.abs(spread(values))))
     is_inside = not _is_span(low, high) or low <= typical <= high
@@ -337,7 +332,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     return Record(
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
-        stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
+        stamps=load.stamps, time=batches.seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=[*map(str, findings)],
         spikes=_spikes(load, possible, qualities), quality=qualities, others=others,
         details=facts.details, used=used, published=published,
@@ -375,7 +370,7 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
 
 
 def _marks_of(
-    guards: Sequence[SampleGuard], stamps: NDArray[np.int64], *, to_next: bool = False,
+    guards: Sequence[SampleGuard], stamps: Stamps, *, to_next: bool = False,
 ) -> Bits | None:
     """Bits of validity that what the guards refused leaves at `stamps` (N,); None: nothing."""
     if not any(guard.bridges or guard.doubtful.stretches() for guard in guards):
@@ -412,9 +407,7 @@ def _why_apart(probes: Sequence[RawTopic]) -> str:
     return 'start and stop all recordings together'
 
 
-def _spikes(
-    load: RawTopic, record: RawRecord, qualities: dict[str, TopicQuality],
-) -> NDArray[np.bool_] | None:
+def _spikes(load: RawTopic, record: RawRecord, qualities: dict[str, TopicQuality]) -> Mask | None:
     """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in qualities.values()):
         return None
@@ -422,7 +415,7 @@ def _spikes(
     for name, reached in zip(RIG_TOPICS, spikes, strict=True):
         # Mark the load's samples (N,) that are aligned with a spike among a topic's readings.
         for spike in qualities[name].spikes.tolist():
-            about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
+            about = slice(max(spike - batches.GAP_HISTORY - 2, 0), spike + 3)
             stamps = record[name].stamps[about]
             struck = np.zeros(len(stamps))
             struck[spike - about.start] = 1.0

@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.doubts import Finding
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import Record
+from saddlering_ros.record.batches import Floats, Mask
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
 from saddlering_ros.rig import FORCE_UNITS, Rig
 from saddlering_ros.rig.geometry import gap_increment, resolve_load
-
-Floats = NDArray[np.float64]
 
 MIN_LOAD_SPAN = 0.1
 """Share of the full-scale load that a run must cover for a judgement."""
@@ -137,7 +135,7 @@ def _mirrored(increments: Floats) -> list[Finding]:
         f'({100 * opposite:.0f} %)')]
 
 
-def _sides(rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_]) -> list[Finding]:
+def _sides(rig: Rig, slope: Floats, expected: Floats, clear: Mask) -> list[Finding]:
     """A finding on probes that move to the wrong side; slope [m/N] of each."""
     wrong = np.flatnonzero(clear & (slope * expected < 0.0)).tolist()
     if not wrong:

@@ -9,7 +9,6 @@ import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
@@ -18,7 +17,7 @@ from saddlering_ros.importing.calibration import ImportingError, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources
-from saddlering_ros.record.batches import SECOND
+from saddlering_ros.record.batches import Floats, SECOND, Stamps
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import FORCE_UNITS, Rig
@@ -47,7 +46,7 @@ class Course:
     lowest: list[float] = field(default_factory=list)
     highest: list[float] = field(default_factory=list)
 
-    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    def add(self, stamps: Stamps, values: Floats) -> None:
         """Add a block of samples (N,)."""
         if not len(stamps):
             return

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.record import batches
-from saddlering_ros.record.batches import Displacements, JITTER_NS, Samples, SECOND
+from saddlering_ros.record.batches import Displacements, Floats, JITTER_NS, Samples, SECOND, Stamps
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
@@ -332,7 +332,7 @@ class SimulationStream:
         after = self._simulated(stamps[asked:], loads[asked:])
         return batches.join([before, after])
 
-    def _simulated(self, stamps: NDArray[np.int64], loads: NDArray[np.float64]) -> Displacements:
+    def _simulated(self, stamps: Stamps, loads: Floats) -> Displacements:
         """The states that are known with samples (N,) in order: stamps [ns], loads [N]."""
         if not len(stamps):
             return batches.no_displacements()
