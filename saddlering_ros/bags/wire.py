@@ -53,9 +53,6 @@ _LITTLE_ENDIAN = 1
 _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 """Byte order and alignment of a double, by representation identifier."""
 
-FEW = 8
-"""So few messages are read sooner one by one than as arrays."""
-
 MAX_FRAME_IDS = 100
 """Largest number of different lengths of frame ids in a block; a topic of the rig has one."""
 
@@ -110,36 +107,16 @@ def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: DTypeLike) -
 
 def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[str]) -> Records:
     """Read messages that are separate in memory."""
-    wanted = tuple(names)
-    lengths = set(map(len, messages))
-    if len(messages) <= FEW and len(lengths) == 1 and min(lengths) >= _HEAD:
-        records = _decode_few(messages, message_type, wanted)
-        if records is not None:
-            return records
+    wanted, lengths, joined = tuple(names), set(map(len, messages)), b''.join(messages)
+    if len(lengths) == 1 and (size := lengths.pop()) >= _HEAD:  # the usual case, without a copy
+        layout = _layout(message_type, *_head_of(joined), wanted)
+        if size >= layout.itemsize:
+            view: NDArray[Any] = np.ndarray((len(messages),), layout, joined, strides=(size,))
+            if records := _alike(view, joined, wanted):
+                return records
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
-    data = np.frombuffer(b''.join(messages), np.uint8)
+    data = np.frombuffer(joined, np.uint8)
     return decode_records(data, np.cumsum(sizes) - sizes, sizes, message_type, wanted)
-
-
-def _decode_few(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
-                ) -> Records | None:
-    """`decode_list` message by message, for equal sizes; None if their layouts differ."""
-    first = messages[0]
-    kind, length = _head_of(first)
-    row = _row(message_type, kind, length, names)
-    if len(first) < row.size:
-        raise CdrError(f'a message is shorter than a {message_type}')
-    kinds, seconds, nanoseconds, lengths, texts, *columns = zip(
-        *[row.unpack_from(message) for message in messages], strict=True)
-    if len(set(kinds)) > 1 or len(set(lengths)) > 1:
-        return None
-    if max(nanoseconds) >= SECOND:
-        raise CdrError(TOO_MANY_NANOSECONDS)
-    stamps = np.array([second * SECOND + nanosecond for second, nanosecond in zip(
-        seconds, nanoseconds, strict=True)], np.int64)
-    in_order = [field for field in LAYOUTS[message_type] if field[0] in names]
-    return Records(stamps, {name: np.array(column, kind) for (name, kind), column in zip(
-        in_order, columns, strict=True)}, texts[0].rstrip(b'\0').decode('utf-8', 'replace'))
 
 
 def decode_records(
@@ -158,13 +135,10 @@ def decode_records(
     if (sizes < _HEAD).any():
         raise CdrError('a message is shorter than its header')
     first = data[starts[0]:starts[0] + sizes[0]].tobytes()
-    kind, length = _head_of(first)
-    frame_id = first[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
-    layout = _layout(message_type, kind, length, names)
-    if not (sizes < layout.itemsize).any():
-        records = take(data, starts, layout)
-        if (records['kind'] == kind).all() and (records['length'] == length).all():
-            return Records(_stamps_of(records), {name: records[name] for name in names}, frame_id)
+    layout = _layout(message_type, *_head_of(first), names)
+    is_whole = (sizes >= layout.itemsize).all()
+    if is_whole and (records := _alike(take(data, starts, layout), first, names)):
+        return records
     stamps = np.empty(len(starts), np.int64)
     fields = {name: np.empty(len(starts), kinds[name]) for name in names}
     kinds_there = np.unique(data[starts].astype(np.int64) << 8 | data[starts + 1]).tolist()
@@ -179,11 +153,24 @@ def decode_records(
         layout = _layout(message_type, kind, length, names)
         if (sizes[which] < layout.itemsize).any():
             raise CdrError(f'a message is shorter than a {message_type}')
-        records = take(data, starts[which], layout)
-        stamps[which] = _stamps_of(records)
+        of_kind = take(data, starts[which], layout)
+        stamps[which] = _stamps_of(of_kind)
         for name in names:
-            fields[name][which] = records[name]
-    return Records(stamps, fields, frame_id)
+            fields[name][which] = of_kind[name]
+    return Records(stamps, fields, _frame_id(first, _head_of(first)[1]))
+
+
+def _alike(records: NDArray[Any], first: bytes, names: tuple[str, ...]) -> Records | None:
+    """Records (N,) with the representation and frame id of the `first` message; None if not."""
+    kind, length = _head_of(first)
+    if (records['kind'] != kind).any() or (records['length'] != length).any():
+        return None
+    return Records(_stamps_of(records), {name: records[name] for name in names},
+                   _frame_id(first, length))
+
+
+def _frame_id(message: bytes, length: int) -> str:
+    return message[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
 
 
 def _head_of(message: bytes) -> tuple[int, int]:
@@ -221,20 +208,6 @@ def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -
         place += width
     return np.dtype({'names': list(fields), 'formats': [kind for _, kind in fields.values()],
                      'offsets': [offset for offset, _ in fields.values()], 'itemsize': size})
-
-
-@functools.lru_cache(maxsize=256)
-def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> struct.Struct:
-    """The bytes of one message: kind, seconds, nanoseconds, frame id's length and text, fields."""
-    layout = _layout(message_type, kind, length, names)
-    assert layout.fields is not None
-    words = [f'{_BYTE_ORDER_AND_ALIGNMENT[kind][0]}2s2xiII{length}s']
-    place = _HEAD + length
-    for name in [name for name, _ in LAYOUTS[message_type] if name in names]:
-        dtype, offset = layout.fields[name][:2]
-        words.append(f'{offset - place}x{dtype.char}')
-        place = offset + dtype.itemsize
-    return struct.Struct(''.join(words))
 
 
 def encode(message_type: str, frame_id: str, stamps: ArrayLike,

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import wire
-from saddlering_ros.bags.wire import decode_displacements, decode_samples, encode_samples, FEW
+from saddlering_ros.bags.wire import decode_displacements, decode_samples, encode_samples
 from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
@@ -76,7 +76,7 @@ def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
 
 
 def test_few_messages_are_read_and_written_as_many_are() -> None:
-    count = 3 * FEW
+    count = 24
     values = np.random.default_rng(0).normal(size=(6, count))
     batch = Displacements(STAMPS[0] + np.arange(count), values[:4], STAMPS[1] + np.arange(count),
                           values[4], values[5], np.arange(count, dtype=np.uint8),
