@@ -25,8 +25,6 @@ STEPS_MISSED = 2
 STEP_MEMORY = 0.95
 """Share of the length of the longest recent block that counts at the next batch."""
 
-SPARE = 1024
-"""Places for further samples of a topic, so that few batches copy those that are kept."""
 
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
@@ -78,14 +76,10 @@ class _Waiting:
 
     def clear(self) -> None:
         """Discard all samples and the newest stamp."""
-        self._keep(np.empty(0, np.int64), np.empty(0))
+        self.stamps: Stamps = np.empty(0, np.int64)
+        self.values: Floats = np.empty(0)
         self.newest: int | None = None
         self.jumped = False
-
-    def _keep(self, stamps: Stamps, values: Floats) -> None:
-        self.stamps = self._all_stamps = stamps
-        self.values = self._all_values = values
-        self._end = len(stamps)
 
     def forget(self, count: int) -> None:
         """Discard the first `count` samples."""
@@ -116,17 +110,9 @@ class _Waiting:
 
     def append(self, stamps: Stamps, values: Floats) -> None:
         """Add samples whose stamps rise from the newest one on."""
-        kept, end = len(self.stamps), self._end + len(stamps)
-        if end > len(self._all_stamps):
-            end = kept + len(stamps)
-            self._all_stamps = np.empty(end + SPARE, np.int64)
-            self._all_values = np.empty(end + SPARE)
-            self._all_stamps[:kept], self._all_values[:kept] = self.stamps, self.values
-        self._all_stamps[end - len(stamps):end] = stamps
-        self._all_values[end - len(stamps):end] = values
-        self.stamps = self._all_stamps[end - len(stamps) - kept:end]
-        self.values = self._all_values[end - len(stamps) - kept:end]
-        self._end, self.newest = end, int(stamps[-1])
+        self.stamps = np.concatenate((self.stamps, stamps))
+        self.values = np.concatenate((self.values, values))
+        self.newest = int(stamps[-1])
 
     def take(self, stamps: Stamps, values: Floats) -> None:
         """Put samples among the others by stamp; of two with one stamp the first counts."""
@@ -137,8 +123,8 @@ class _Waiting:
         readings = np.concatenate((self.values, values))
         late = int(np.count_nonzero(stamps <= _newest_before(stamps, self.newest)))
         late -= self.newest is None
-        sorted_stamps, first = np.unique(together, return_index=True)
-        self._keep(sorted_stamps, readings[first])
+        self.stamps, first = np.unique(together, return_index=True)
+        self.values = readings[first]
         duplicates = len(together) - len(first)
         self._counters.duplicates += duplicates
         self._counters.reordered += late - duplicates
