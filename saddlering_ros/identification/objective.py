@@ -77,15 +77,11 @@ def changes_by(
     return np.stack(changed) - usual
 
 
-@dataclass(frozen=True)
-class _Followed:
-    """Increments (3, N) of one run by one law, and their derivatives (6, 3, N) on request."""
-
-    increments: Array
-    slopes: Callable[[], Array]
+Followed = tuple[Array, Callable[[], Array]]
+"""Increments (3, N) of one run by one law, and their derivatives (6, 3, N) on request."""
 
 
-def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
+def _follow(rig: Rig, contact: Array, observation: Observation) -> Followed:
     """`predict` for one law (6,), stored for its derivatives."""
     elevation = observation.elevation
     loads = np.append(observation.zero_load, observation.load)
@@ -96,7 +92,7 @@ def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
             slopes = static_sensitivities(rig, contact, elevation, still)
             return np.asarray(slopes[:, :, 1:] - slopes[:, :, :1])
 
-        return _Followed(np.asarray(still[:, 1:] - still[:, :1]), static_slopes)
+        return np.asarray(still[:, 1:] - still[:, :1]), static_slopes
     zero = static_batch(rig, contact, elevation, loads[:1])[0]
     followed = FollowedMotion(
         rig, contact, elevation, observation.fine_time, observation.fine_load,
@@ -106,7 +102,7 @@ def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
         at_zero = static_sensitivities(rig, contact, elevation, zero)
         return np.asarray(_means(observation, followed.sensitivities()) - at_zero)
 
-    return _Followed(np.asarray(_means(observation, followed.motion) - zero), slopes)
+    return np.asarray(_means(observation, followed.motion) - zero), slopes
 
 
 def _means(observation: Observation, moving: Array) -> Array:
@@ -152,8 +148,8 @@ class WeightedObjective:
         self.evaluations += 1
         motions = in_parallel(partial(_follow, self.rig, contact), self.observations)
         white = self.whiten([
-            (one.increments - seen.displacement)[None]
-            for one, seen in zip(motions, self.observations, strict=True)])
+            (increments - seen.displacement)[None]
+            for (increments, _), seen in zip(motions, self.observations, strict=True)])
         residual = _numbers(np.concatenate(white, axis=1), contact[None, :])[0]
         fit = LinearisedFit(self, contact, residual, motions)
         if self._lowest is None or residual @ residual < self._lowest.chi_square:
@@ -175,7 +171,7 @@ class WeightedObjective:
         lowest = self._lowest
         if lowest is not None and len(contacts) == 1 and np.array_equal(
                 contacts[0], lowest.contact):
-            return [one.increments[None] for one in lowest.followed]
+            return [increments[None] for increments, _ in lowest.followed]
         return [predict(self.rig, contacts, one) for one in self.observations]
 
     def with_likely_loads(self, contact: Array) -> 'WeightedObjective':
@@ -238,7 +234,7 @@ class LinearisedFit:
     objective: WeightedObjective
     contact: Array
     residual: Array
-    followed: Sequence[_Followed]
+    followed: Sequence[Followed]
 
     @property
     def chi_square(self) -> float:
@@ -246,7 +242,7 @@ class LinearisedFit:
 
     def slopes(self) -> Array:
         """Derivatives (6, R) of the whitened residuals by the contact parameters."""
-        raw = in_parallel(lambda one: one.slopes(), self.followed)
+        raw = in_parallel(lambda slopes: slopes(), [slopes for _, slopes in self.followed])
         return np.concatenate(self.objective.whiten(raw), axis=1)
 
 

@@ -8,17 +8,14 @@ Reading. The first `SETTLING_SHARE` of a hold is for settling; the reading is th
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import Floats, Mask
+from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks, forget, scratch_array, spread, spread_changes
-
-if TYPE_CHECKING:
-    from saddlering_ros.record.record import Record
 
 Span = tuple[int, int]
 """Samples [start, stop)."""
@@ -77,7 +74,7 @@ class Plateaus:
         return len(self.load)
 
 
-def plateaus(run: 'Record') -> Plateaus:
+def plateaus(run: Record) -> Plateaus:
     """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
     holds = find_holds(run.time, run.load)
     if len(holds) < MIN_PLATEAUS:

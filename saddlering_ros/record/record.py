@@ -81,8 +81,6 @@ class RawRecord:
 class Record:
     """A test, aligned on the load's stamps."""
 
-    __test__ = False
-
     name: str
     path: Path
     test: str  # 'static' or 'dynamic'

@@ -95,7 +95,7 @@ def _geometry(extension: RingExtension) -> tuple[RowGeometry, ...]:
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (cached)."""
-    return _prepared(rig, extension).rows
+    return _prepared(rig, extension)[0]
 
 
 def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
@@ -167,37 +167,30 @@ def _numbers(extension: RingExtension) -> list[float]:
     return numbers + [own_values.get(parameter, 0.0) for parameter in own_parameters()]
 
 
-class _Prepared:
-    """Parts of a model that depend on rig and extension: its rows, and numbers (M,) of its record.
+def _prepared(rig: Rig, extension: RingExtension) -> tuple[Rows, Floats]:
+    """Rows of a model, and numbers (M,) of its record without contact law and elevation.
 
-    The numbers lack the contact law and the elevation.
+    They are kept with the extension for its last rig: a fit simulates it for every run and
+    neighbour.
     """
-
-    def __init__(self, rig: Rig, extension: RingExtension) -> None:
-        self.rig = rig
+    kept: tuple[Rig, Rows, Floats] | None = vars(extension).get('_prepared')
+    if kept is None or kept[0] is not rig:
         axial, radial, carriage = rig.axial_rows, rig.radial_row, rig.carriage
-        self.rows = _rows(axial, radial, _geometry(extension), True)
-        self.numbers = np.array([
-            axial.pitch_radius, radial.height, *self.rows.counts, axial.clearance,
-            radial.clearance, carriage.mass, carriage.inertia, carriage.weight,
-            carriage.weight_x, rig.trunnion.x, rig.trunnion.y, 0.0, rig.full_scale_load, 0.0,
-            0.0, rig.probes.axial_span, rig.probes.radial_height,
-            *[0.0] * len(PARAMETER_NAMES), *_numbers(extension)], dtype=np.float64)
-
-
-def _prepared(rig: Rig, extension: RingExtension) -> _Prepared:
-    """Kept with the extension for its last rig: a fit simulates it for every run and neighbour."""
-    kept: _Prepared | None = vars(extension).get('_prepared')
-    if kept is None or kept.rig is not rig:
-        kept = _Prepared(rig, extension)
+        rows = _rows(axial, radial, _geometry(extension), True)
+        kept = rig, rows, np.array([
+            axial.pitch_radius, radial.height, *rows.counts, axial.clearance, radial.clearance,
+            carriage.mass, carriage.inertia, carriage.weight, carriage.weight_x, rig.trunnion.x,
+            rig.trunnion.y, 0.0, rig.full_scale_load, 0.0, 0.0, rig.probes.axial_span,
+            rig.probes.radial_height, *[0.0] * len(PARAMETER_NAMES), *_numbers(extension)],
+            dtype=np.float64)
         object.__setattr__(extension, '_prepared', kept)
-    return kept
+    return kept[1:]
 
 
 def models_of(rig: Rig, elevation: float, contacts: Floats,
               extensions: Sequence[RingExtension]) -> Model:
     """Records (B,) of contact laws (B, 6), each with its extension, at an elevation [rad]."""
-    numbers = np.array([_prepared(rig, extension).numbers for extension in extensions])
+    numbers = np.array([_prepared(rig, extension)[1] for extension in extensions])
     numbers[:, _LAW] = contacts
     return _turned(numbers, elevation)
 
