@@ -322,8 +322,6 @@ class Aligner:
     def _run_starts(self, stamps: Stamps) -> Stamps:
         """For each load stamp (N,), that since which the load has gone on without a leap."""
         last = self._last_out
-        if last is not None and stamps[-1] - last <= self._dead_after:  # the usual case
-            return np.full(len(stamps), self._run_start)
         continues = last is not None and stamps[0] - last <= self._dead_after
         starts = np.full(len(stamps), self._run_start if continues else stamps[0])
         for leap in np.flatnonzero(stamps[1:] - stamps[:-1] > self._dead_after).tolist():

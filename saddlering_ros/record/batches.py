@@ -55,10 +55,7 @@ ZERO_ELSEWHERE = 'the record has no steady start near the preload; its zero is a
 
 def unknown(channels: Floats) -> Bits:
     """Bits (N,) for the channels (4, N) that are NaN."""
-    is_unknown = np.isnan(channels)
-    if not np.count_nonzero(is_unknown):
-        return np.zeros(channels.shape[1], np.uint8)
-    return np.asarray((is_unknown * _BITS[:, None]).sum(axis=0, dtype=np.uint8))
+    return np.asarray((np.isnan(channels) * _BITS[:, None]).sum(axis=0, dtype=np.uint8))
 
 
 def is_published(validity: Bits) -> NDArray[np.bool_]:

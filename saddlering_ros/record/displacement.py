@@ -64,9 +64,7 @@ def displacements(
         validity |= marks
     batch = Displacements.from_zero(stamps, channels, (zero.stamp, zero.last_stamp),
                                     zero.reading.load, elevation, validity)
-    if not np.count_nonzero(validity):  # the usual case
-        return batch
-    return batch.pick(batches.is_published(validity))
+    return batch.pick(batches.is_published(validity)) if validity.any() else batch
 
 
 @dataclass(frozen=True)
@@ -263,13 +261,7 @@ class DisplacementStream:
 
     def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:
         """The rows in parts, before each of which the search for a new zero begins if it must."""
-        newest = self.newest_stamp
-        if (newest and self._asked_after is None and rows.restart == self._restart
-                and rows.stamps[-1] - newest <= self._max_gap):  # the usual case
-            self.newest_stamp = int(rows.stamps[-1])
-            yield rows
-            return
-        before = np.append(newest or rows.stamps[0], rows.stamps[:-1])
+        before = np.append(self.newest_stamp or rows.stamps[0], rows.stamps[:-1])
         leaps = np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
         begins = {row: False for row in leaps if not batches.is_pause(
             self.recording, int(before[row]), int(rows.stamps[row]))}
