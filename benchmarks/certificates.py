@@ -32,7 +32,7 @@ from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.quantities import WIDTH_95
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring.small_errors import GAP_SCATTER, STIFFNESS_SCATTER
 from saddlering_ros.virtual_rig.effects import request

@@ -40,9 +40,8 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements, encode_samples
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Displacements, Samples
-from saddlering_ros.record.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.rig import CHANNELS, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, sweep

@@ -36,7 +36,7 @@ from saddlering_ros.bags.write import write_bag
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 
 BEGIN = 1_800_000_000_000_000_000
 """Stamp [ns] of the first record."""

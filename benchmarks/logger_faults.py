@@ -25,9 +25,9 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.quantities import WIDTH_95
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
 from saddlering_ros.record.displacement import displacement_of_run
-from saddlering_ros.record.record import Record, TestMetadata
+from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import experiment
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags.write import write_bag
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, Record
-from saddlering_ros.record.record import TestMetadata
+from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, Displacement, FULL_SCALE_LOAD, ParameterSet, Rig, TONNE
 from saddlering_ros.rig.description import Probes
 from saddlering_ros.rig.geometry import displacement_to_probes

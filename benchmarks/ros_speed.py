@@ -36,9 +36,8 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements, encode_samples
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Samples
-from saddlering_ros.record.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import DataWait, RawPublisher, RawSubscription

@@ -21,9 +21,8 @@ from sensor_msgs.msg import Range
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements, encode_samples
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Displacements, Samples
-from saddlering_ros.record.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.ros import raw_topics
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription

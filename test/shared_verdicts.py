@@ -15,7 +15,7 @@ from made_once import MadeOnce
 
 from saddlering_ros import diagnosis
 from saddlering_ros.diagnosis import Verdict
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 
 PLACE = 'saddlering_ros.diagnosis.diagnose_ring'
 """Where commands and the API find the function that these tests replace."""

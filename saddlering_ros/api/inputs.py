@@ -20,8 +20,9 @@ from saddlering_ros.doubts import comparison
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, origins_of
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress, Watch
-from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
-from saddlering_ros.record.displacement import measured_rows, zero_of_run
+from saddlering_ros.record import displacement as measured
+from saddlering_ros.record.displacement import MeasuredRun
+from saddlering_ros.record.record import condensed, fit_limit, Record
 from saddlering_ros.record.scratch import extremes
 from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, short_digest
 
@@ -156,7 +157,7 @@ class Bag(Tabular):
     @cached_property
     def displacement(self) -> MeasuredRun:
         """Measured delta_x, delta_y, parity [m] and gamma [rad] at the load's stamps."""
-        return displacement_of_run(self.rig, self.run)
+        return measured.displacement_of_run(self.rig, self.run)
 
     def summary(self) -> str:
         """Test, elevation, length, load and notes in a few lines."""
@@ -170,8 +171,9 @@ class Bag(Tabular):
 
     def columns(self) -> dict[str, Any]:
         """Measured displacement as arrays by name: stamp_ns, time, load and the four channels."""
-        zero = zero_of_run(self.rig, self.run)
-        return displacement_columns(self.run, measured_rows(self.rig, self.run, zero, slice(None)))
+        zero = measured.zero_of_run(self.rig, self.run)
+        rows = measured.measured_rows(self.rig, self.run, zero, slice(None))
+        return displacement_columns(self.run, rows)
 
 
 BagLike = Bag | Record | Path | str

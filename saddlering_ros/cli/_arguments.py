@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from saddlering_ros import Rig
     from saddlering_ros.progress import Progress
-    from saddlering_ros.record import Record
+    from saddlering_ros.record.record import Record
     from saddlering_ros.rig import ParameterSet
 
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)

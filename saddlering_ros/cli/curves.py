@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from saddlering_ros.bags.samples import SamplesSummary
-    from saddlering_ros.record import Record
+    from saddlering_ros.record.record import Record
     from saddlering_ros.rig import ParameterSet, Rig
     from saddlering_ros.rig.geometry import ZeroReading
 

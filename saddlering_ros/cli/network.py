@@ -144,7 +144,7 @@ def _live(args: argparse.Namespace, rig: 'Rig', domain: int, namespace: str) -> 
 def _record(args: argparse.Namespace, rig: 'Rig', domain: int, namespace: str) -> int:
     """Record until a signal ends it, which is how a recording ends: status 0."""
     from saddlering_ros.live.recorder import recording
-    from saddlering_ros.record import TestMetadata
+    from saddlering_ros.record.record import TestMetadata
 
     facts = {} if args.rig is None else {'rig_hash': rig.digest}
     if args.test is not None:

@@ -92,7 +92,7 @@ def contradictions(
     """
     from saddlering_ros.bags.reader import read_raw, read_run
     from saddlering_ros.doubts.on_rig import check_rig, elevations_alike
-    from saddlering_ros.record import condensed
+    from saddlering_ros.record.record import condensed
 
     run = condensed(read_run(bag, test=test, elevation=elevation, rig=rig), rig)
     findings = check_rig(rig, read_raw(bag, rig=rig), run)

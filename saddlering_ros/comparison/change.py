@@ -26,7 +26,7 @@ from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
 
 DRAWN_DATES = 'virtual rig'

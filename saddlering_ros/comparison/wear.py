@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.estimation.noise import noise_alone
-from saddlering_ros.record import displacement_of_run, Plateaus, plateaus, Record
 from saddlering_ros.record.batches import Floats
+from saddlering_ros.record.displacement import displacement_of_run
+from saddlering_ros.record.plateaus import Plateaus, plateaus
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import WEAR_LIMITS
 

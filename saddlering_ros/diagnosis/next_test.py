@@ -24,7 +24,7 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import MOVES, RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.identification.uncertainty import distinct_elevations
 from saddlering_ros.quantities import lowered, MATERIAL
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import Rig
 
 MIN_LIKENESS, SAME = 0.3, 0.98

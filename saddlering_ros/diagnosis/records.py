@@ -17,8 +17,10 @@ from saddlering_ros.estimation.rest import (
     quiet_stretches,
     stretches_at_rest,
 )
-from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
+from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
+from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import Rig
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import told_once
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from saddlering_ros.doubts import Finding
 from saddlering_ros.quantities import quantity
-from saddlering_ros.record import Record
 from saddlering_ros.record.batches import Floats, Mask
+from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
 from saddlering_ros.rig import FORCE_UNITS, Rig
 from saddlering_ros.rig.geometry import gap_increment, resolve_load

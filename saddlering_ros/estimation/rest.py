@@ -15,7 +15,8 @@ import math
 import numpy as np
 
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.record import PROBE_TOPICS, Record
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.topics import PROBE_TOPICS
 from saddlering_ros.rig.description import OPPOSITE
 
 Stretches = list[tuple[int, int]]

@@ -27,7 +27,7 @@ from saddlering_ros.identification.settings import (
 from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.quantities import told_once
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, ParameterSource, Rig
 from saddlering_ros.rig.parameter_file import ContactParameters, TRUE_TO_SCALE
 

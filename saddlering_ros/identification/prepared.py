@@ -11,9 +11,9 @@ from saddlering_ros.errors import BagError
 from saddlering_ros.estimation import noise, rest
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, filled
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
-from saddlering_ros.record.displacement import zero_of_run
-from saddlering_ros.record.record import SPAN_MARGIN
+from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun, zero_of_run
+from saddlering_ros.record.plateaus import Plateaus, plateaus
+from saddlering_ros.record.record import Record, SPAN_MARGIN
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring.simulator import simulate
 

@@ -12,9 +12,8 @@ from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import DEFAULT_PERCENT, stream
 from saddlering_ros.monitoring.monitor import MonitorSettings, state_words
-from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import no_displacements, no_samples
-from saddlering_ros.record.topics import LOAD
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
 from saddlering_ros.ros import diagnostics, names, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import alarm_message, parameters_from_message

@@ -13,10 +13,9 @@ from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring.expected import ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
-from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import SimulationStream
-from saddlering_ros.record.topics import LOAD
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
 from saddlering_ros.rig import parameter_file, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_state, streaming_node
 from saddlering_ros.ros import parameters as node_parameters

@@ -15,7 +15,8 @@ from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
-from saddlering_ros.record import plateaus, Record
+from saddlering_ros.record.plateaus import plateaus
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS, MOTION
 from saddlering_ros.rig.units import force_decimals, force_words
 

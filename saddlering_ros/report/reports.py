@@ -23,9 +23,10 @@ from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, draw, Panel
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import percent, probability, quantity, told_once, verdict_line
-from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import gap_mask
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.record import Record
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.figures import Array, axis_label, MICRO, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MOTION, Rig, short_digest, units

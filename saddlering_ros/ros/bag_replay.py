@@ -17,8 +17,8 @@ from saddlering_ros.bags.wire import decode_time, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values
 from saddlering_ros.files import share_directory
-from saddlering_ros.record import RawRecord
 from saddlering_ros.record.batches import SECOND
+from saddlering_ros.record.record import RawRecord
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros import parameters

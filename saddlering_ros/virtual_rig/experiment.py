@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import VirtualRigError
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import EffectRequest

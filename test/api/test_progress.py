@@ -18,7 +18,7 @@ from saddlering_ros.jobs import requests as identification_job
 from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.jobs.worker import Worker
 from saddlering_ros.progress import SearchStep
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 
 QUICK = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), seed=1)
 

@@ -33,7 +33,7 @@ from saddlering_ros import (
 from saddlering_ros.api.inputs import frame
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 
 QUICK = {'particles': 8, 'iterations': 6, 'seed': 1}
 

@@ -12,8 +12,8 @@ import pytest
 from raw_messages import cdr
 
 from saddlering_ros.bags.write import write_bag
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.record import TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 EPOCH = 1_700_000_000_000_000_000

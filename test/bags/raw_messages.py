@@ -2,8 +2,7 @@
 
 import struct
 
-from saddlering_ros.record import LOAD_TOPIC
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, TOPICS
 
 SPAN = (0.0, 2e-3)
 

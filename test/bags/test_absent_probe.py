@@ -9,9 +9,15 @@ from saddlering_ros.bags.reader import bag_info, read_raw, read_run
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
-from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.batches import join, Samples
-from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run
+from saddlering_ros.record.displacement import (
+    displacement_of_run,
+    DisplacementStream,
+    measured_rows,
+    zero_of_run,
+)
+from saddlering_ros.record.record import TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, Displacement, load_rig, Rig, RigError
 from saddlering_ros.rig.geometry import displacement_to_probes
 

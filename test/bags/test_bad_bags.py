@@ -12,8 +12,7 @@ from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
 from saddlering_ros.bags.reader import bag_info, raw_topic, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import TONNE
 
 PROBE = PROBE_TOPICS[2]

@@ -9,7 +9,7 @@ import pytest
 from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.topics import LOAD_TOPIC
 
 READABLE = re.compile(
     r'cut off at byte \d+; (\d+) messages over ([\d.]+) s before that are readable')

@@ -14,7 +14,8 @@ from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()

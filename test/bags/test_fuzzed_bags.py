@@ -19,9 +19,8 @@ import zstandard
 from saddlering_ros.bags.folder import INFORMATION
 from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.plateaus import plateaus
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 QUICK = settings(

@@ -9,7 +9,6 @@ import numpy as np
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros import record
 from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.write import BagWriter, messages_of
@@ -17,11 +16,17 @@ from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.prepared import prepare
-from saddlering_ros.record import condensed, fit_limit, LOAD_TOPIC, PROBE_TOPICS, scratch
-from saddlering_ros.record.displacement import measured_rows, measured_stretches, zero_of_run
+from saddlering_ros.record import scratch
+from saddlering_ros.record.displacement import (
+    displacement_of_run,
+    measured_rows,
+    measured_stretches,
+    zero_of_run,
+)
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.quality import topic_quality
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.record import condensed, fit_limit
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
@@ -51,10 +56,10 @@ def test_a_run_through_scratch_files_is_the_same_to_the_last_bit(
 ):
     bag = struck.write(tmp_path / 'bag')
     short = read_run(bag, rig=RIG)
-    expected = record.displacement_of_run(RIG, short)
+    expected = displacement_of_run(RIG, short)
     in_small_blocks()
     long = read_run(bag, rig=RIG)
-    found = record.displacement_of_run(RIG, long)
+    found = displacement_of_run(RIG, long)
     for name in ('stamps', 'time', 'load', 'gaps', 'spikes'):
         assert np.array_equal(getattr(long, name), getattr(short, name), equal_nan=name == 'gaps')
     assert found.zero == expected.zero

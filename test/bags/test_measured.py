@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags.reader import bag_info, read_run
-from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.displacement import displacement_of_run
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, Displacement
 from saddlering_ros.rig.geometry import displacement_to_probes
 

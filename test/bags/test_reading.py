@@ -14,7 +14,8 @@ import zstandard
 
 from saddlering_ros.bags.folder import find_metadata
 from saddlering_ros.bags.reader import read_raw, read_run
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 
 PROBE = PROBE_TOPICS[1]
 

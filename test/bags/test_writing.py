@@ -12,8 +12,8 @@ import yaml
 
 from saddlering_ros.bags.write import BagWriter, McapWriter, messages_of, write_bag
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
-from saddlering_ros.record.topics import RIG_TOPICS, TOPICS
+from saddlering_ros.record.record import TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
 from saddlering_ros.rig.description import Probes
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}

@@ -11,7 +11,9 @@ import pytest
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.displacement import displacement_of_run
+from saddlering_ros.record.record import TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import (
     default_rig,
     ParameterSet,

@@ -14,7 +14,7 @@ from identification_records import dynamic_run, RIG, static_run
 
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import read_parameters, TRUE_TO_SCALE
 
 QUICK = ('--particles', '10', '--iterations', '10')

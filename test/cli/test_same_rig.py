@@ -17,7 +17,7 @@ from saddlering_ros.doubts.comparison import refuse_other_rig, refuse_repeats
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
 from saddlering_ros.quantities import told_once
-from saddlering_ros.record import Record, TestMetadata
+from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.rig.description import default_rig
 

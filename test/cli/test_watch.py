@@ -9,7 +9,7 @@ import pytest
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 
 BAG = str(Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast')

@@ -5,7 +5,7 @@ import math
 
 from benchmarks.rigs import as_read
 from saddlering_ros.doubts.readings import run_of_record
-from saddlering_ros.record import Record, TestMetadata
+from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.effects import EffectRequest, request

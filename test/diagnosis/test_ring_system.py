@@ -15,7 +15,8 @@ from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import catalogue, EffectError, extension_of
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.record import plateaus, Record
+from saddlering_ros.record.plateaus import plateaus
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import probe_batch
 

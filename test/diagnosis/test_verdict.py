@@ -15,7 +15,7 @@ from typed_pages import typed_page
 
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.effects import catalogue
-from saddlering_ros.record import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.rig import CHANNELS, default_rig, PARAMETER_NAMES, read_parameters
 from saddlering_ros.ring.simulator import simulate
 

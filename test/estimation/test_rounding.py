@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from saddlering_ros.estimation.rest import hidden_rounding, probe_rounding, rounding_record
-from saddlering_ros.record import PROBE_TOPICS, Record
 from saddlering_ros.record.quality import topic_quality
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.topics import PROBE_TOPICS
 
 TIME = np.arange(0.0, 8.0, 1e-3)
 STAMPS = np.rint(1e9 * TIME).astype(np.int64)

@@ -13,7 +13,7 @@ from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import BagError, SaddleringError
 from saddlering_ros.files import exchange, temporary_folder, whole_file, write_text
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig
 
 OLD = 'the old file\n'
@@ -172,7 +172,8 @@ RECORD = """
 import os, signal, sys
 from pathlib import Path
 import numpy as np
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.record.batches import Samples

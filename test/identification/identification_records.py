@@ -6,7 +6,7 @@ import numpy as np
 
 from saddlering_ros.identification.observation import observe_prepared, observe_with_cell
 from saddlering_ros.identification.prepared import prepare
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import ContactParameters, default_rig, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import displacement_to_probes
 from saddlering_ros.ring.simulator import simulate

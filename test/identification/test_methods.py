@@ -21,7 +21,7 @@ from saddlering_ros.identification.settings import (
     SwarmSettings,
 )
 from saddlering_ros.identification.uncertainty import assess, joint_axes, reason_open
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
 SHORT_SWARM = SwarmSettings(particles=10, iterations=10)

@@ -12,8 +12,8 @@ from saddlering_ros.errors import BagError
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.quality import topic_quality
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 
 RIGS = {'1 t': sized_rig(1.0, 24, 0.15), '400 t': sized_rig(400.0, 400, 2.0)}

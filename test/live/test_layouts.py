@@ -9,7 +9,7 @@ from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.files import share_directory
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 
 CONFIG = share_directory() / 'config'
 TYPES = {LOAD_TOPIC: WrenchStamped, **dict.fromkeys(PROBE_TOPICS, Range),

@@ -22,7 +22,7 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.live.watcher import Watcher
-from saddlering_ros.record import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import RING_NODES, start_nodes, transport_environment
 from saddlering_ros.ros.raw_topics import LATCHED

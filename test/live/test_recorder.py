@@ -13,9 +13,8 @@ from rosnet import wait_until
 from benchmarks.served_node import ServedNode
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.live import recorder
-from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import Samples
-from saddlering_ros.record.topics import LOAD
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
 from saddlering_ros.ros.raw_topics import RawPublisher
 
 pytestmark = pytest.mark.ros

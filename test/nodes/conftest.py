@@ -11,7 +11,7 @@ import pytest
 from rosnet import Client, client
 
 from saddlering_ros.bags.write import write_bag
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import NodeGroup

@@ -18,9 +18,9 @@ from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.api import functions
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.jobs import requests
-from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.ros.launcher import NodeGroup, NodeProcess
 from saddlering_ros.ros.messages import fill_diagnosis

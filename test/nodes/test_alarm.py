@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ros.launcher import ALARM_NODES, RING_NODES, start_nodes
 from saddlering_ros.ros.messages import to_stamp

@@ -21,9 +21,9 @@ from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.rig.drawing import dotted, entry_values
 from saddlering_ros.ros import diagnostics

@@ -13,8 +13,8 @@ from saddlering_interfaces.msg import ReplayState, RingParameters
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
-from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.ros.launcher import NodeGroup

@@ -9,8 +9,8 @@ from std_srvs.srv import Trigger
 
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
-from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.displacement import displacement_of_run, measured_rows, zero_of_run
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import start_nodes

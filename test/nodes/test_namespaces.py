@@ -16,7 +16,7 @@ from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.live.recorder import recording
-from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate
 from saddlering_ros.ros.launcher import NodeGroup, start_nodes

@@ -5,9 +5,9 @@ import pytest
 
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
-from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.record.displacement import displacement_of_run, DisplacementStream
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.residual import ResidualStream, SimulationStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.report.figures import RunCurves
 from saddlering_ros.rig import CHANNELS, TONNE
 

@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.errors import VirtualRigError
-from saddlering_ros.record import plateaus
+from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.experiment import dynamic_schedule, record_test, static_schedule

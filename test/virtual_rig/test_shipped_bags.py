@@ -12,7 +12,8 @@ from benchmarks.examiner import RUNS, write_campaign
 from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.monitoring.detector import RestLearner
 from saddlering_ros.monitoring.monitor import SHORT_REST
-from saddlering_ros.record import displacement_of_run, plateaus
+from saddlering_ros.record.displacement import displacement_of_run
+from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
