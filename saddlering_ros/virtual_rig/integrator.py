@@ -246,33 +246,6 @@ def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds
 
 
 @compiled()
-def _solve(matrix: Floats, right: Floats) -> None:
-    """Solve matrix x = right in place by elimination with row pivots."""
-    size = right.shape[0]
-    for column in range(size):
-        pivot = column
-        for row in range(column + 1, size):
-            if abs(matrix[row, column]) > abs(matrix[pivot, column]):
-                pivot = row
-        if pivot != column:
-            for k in range(size):
-                matrix[column, k], matrix[pivot, k] = matrix[pivot, k], matrix[column, k]
-            right[column], right[pivot] = right[pivot], right[column]
-        for row in range(column + 1, size):
-            factor = matrix[row, column] / matrix[column, column]
-            if factor == 0.0:
-                continue
-            for k in range(column, size):
-                matrix[row, k] -= factor * matrix[column, k]
-            right[row] -= factor * right[column]
-    for row in range(size - 1, -1, -1):
-        total = right[row]
-        for k in range(row + 1, size):
-            total -= matrix[row, k] * right[k]
-        right[row] = total / matrix[row, row]
-
-
-@compiled()
 def _stage_residual(
     rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats, h: float,
     load: Floats, stages: Floats, residual: Floats, matrix: Floats, scratch: Floats,
@@ -323,7 +296,7 @@ def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Flo
     for _ in range(MAX_NEWTON):
         if error < RESIDUAL:
             return True
-        _solve(matrix, residual)
+        residual[:] = np.linalg.solve(matrix, residual)
         largest = np.abs(residual).max()
         if not largest < 1.0:
             return False
