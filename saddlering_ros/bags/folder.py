@@ -85,7 +85,8 @@ def open_directory(path: Path | str) -> BagDirectory:
     beside = path.parent / METADATA
     information: dict[str, Any] = {}
     with suppress(BagError):
-        information = _read_metadata(beside) if beside.is_file() else {}
+        if beside.is_file():
+            information = parse_metadata(read_regular_text(beside, BagError), str(beside))
     named = {Path(name).name for name in _names(information)}
     if path.name not in named:
         return BagDirectory(path, (path,))
@@ -134,7 +135,8 @@ def _of_directory(path: Path) -> BagDirectory:
         raise BagError(
             f'{path}: is not a bag, but a folder of {below}: give one of them, or all as {path}/*'
             if below else f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
-    information = _read_metadata(path / METADATA)
+    described = path / METADATA
+    information = parse_metadata(read_regular_text(described, BagError), str(described))
     storage = _word(information, 'storage_identifier') or 'mcap'
     if storage != 'mcap':
         raise BagError(
@@ -165,11 +167,6 @@ def _with_information(
                         start if isinstance(start, int) else None,
                         count if isinstance(count, int) else None,
                         compression if mode == 'message' else '', True)
-
-
-def _read_metadata(path: Path) -> dict[str, Any]:
-    """Statements of a metadata.yaml on its bag; BagError if there are none."""
-    return parse_metadata(read_regular_text(path, BagError), str(path))
 
 
 def parse_metadata(text: str, where: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification import observation
 from saddlering_ros.identification.objective import average_branches, refine, WeightedObjective
 from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.prepared import prepare, PreparedRun, run_name, warnings_of
+from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
     Bounds,
@@ -215,7 +215,7 @@ def identify(
     search = _Search(runs, rig, settings, bounds, on_progress, is_cancelled)
     observations = search.observations()
     search.notes += told_once(
-        (run_name(run), warning) for run in runs for warning in warnings_of(run, rig))
+        (str(run.path), warning) for run in runs for warning in warnings_of(run, rig))
     method = _by_paper if settings.method == 'paper' else _by_default
     return _judged(search, method(search, observations))
 

@@ -195,7 +195,7 @@ def _observation(
     zero_error = np.array([channel.deviation(window) for channel in noise.channels])
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
-        name=prepared.run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
+        name=str(one.run.path), dynamic=False, elevation=float(one.run.elevation),
         time=time, load=load, zero_load=zero.load, displacement=displacement, branch=branch,
         whitening=tuple(
             build_whitener(channel, time, lasting, present=np.isfinite(row))

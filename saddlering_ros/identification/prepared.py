@@ -84,8 +84,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
 
     Its displacement is explained by a proportion of the load.
     """
-    name = run_name(run)
-    run = run.without_spikes()
+    name, run = str(run.path), run.without_spikes()
     levels = check_run(run, rig)
     try:
         measured = displacement_of_run(rig, run)
@@ -180,7 +179,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     except EstimationError as problem:
         least = min(runs, key=lambda one: sum(stop - start for start, stop in one.rests))
         raise IdentificationError(
-            f'{run_name(least.run)}: {problem}: hold the load before the ramp') from problem
+            f'{least.run.path}: {problem}: hold the load before the ramp') from problem
     first = next(iter(learnt))
     models = {}
     for key in alike:
@@ -223,9 +222,6 @@ def parity_at_rest(measured: MeasuredRun) -> Array:
     return filled((parity - design @ smooth)[None, :])[0]
 
 
-def run_name(run: Record) -> str:
-    """Name of a run in messages: its path, or its name if it has none."""
-    return str(run.path) if getattr(run, 'path', None) else run.name
 
 
 def warnings_of(run: Record, rig: Rig) -> list[str]:
@@ -253,7 +249,7 @@ def saturated(run: Record, rig: Rig) -> NDArray[np.bool_]:
 
 def check_run(run: Record, rig: Rig) -> Plateaus | None:
     """Plateaus of a static run, None of a dynamic one; IdentificationError for a small range."""
-    name = run_name(run)
+    name = run.path
     if not np.isfinite(run.elevation):
         raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
     top = float(np.nanmax(run.load)) if len(run.load) else 0.0

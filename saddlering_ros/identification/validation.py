@@ -19,7 +19,7 @@ from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationErr
 from saddlering_ros.estimation.rest import RestSegment, Stretches, stretches_at_rest
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.figures import channel_figures, ChannelFigures, RunValidation
-from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
+from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.progress import Watch
@@ -145,8 +145,7 @@ def _noise_of(compared: Sequence[_Comparison]) -> list[list[ChannelNoise]]:
 
 
 def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
-    name = run_name(run)
-    run = run.without_spikes()
+    name, run = str(run.path), run.without_spikes()
     try:
         measured = displacement_of_run(rig, run)
         levels = plateaus(run) if run.test == 'static' else None
