@@ -165,14 +165,14 @@ class Slot:
             return failure('refused', task.problem)
         if self._worker is None:
             self._worker = Worker('saddlering_ros.campaign.task', ONE_THREAD)
-        end = time.monotonic() + task.limits.seconds
+        end = time.monotonic() + task.seconds
         try:
             outcome = self._worker.run(task, lambda progress: None,
                                        lambda: self._stopped or time.monotonic() > end)
         except Cancelled:
             if self._stopped:
                 raise CampaignInterruptedError('the campaign was stopped') from None
-            return failure('timeout', f'no verdict within {task.limits.seconds:g} s: give a '
+            return failure('timeout', f'no verdict within {task.seconds:g} s: give a '
                                       'larger --time-limit, and --retry')
         if outcome.kind != DONE:
             return failure('killed', f'{outcome.words}: run the campaign with --retry')

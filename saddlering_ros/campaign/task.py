@@ -30,14 +30,6 @@ VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 
 
 @dataclass(frozen=True)
-class SessionLimits:
-    """Limits of one session: wall time [s] and address space [bytes] of its process."""
-
-    seconds: float = 1800.0
-    memory: int = 6 << 30
-
-
-@dataclass(frozen=True)
 class TaskBag:
     """One bag of a task: its place, the hash of its files, and its use."""
 
@@ -53,7 +45,8 @@ class SessionTask:
     rig: path of the rig file ('' for the shipped rig), rig_sha256: of its bytes; effects: hashes
     of the user's own effect files; reports: folder for a page of every session that needs a person
     ('' for none); problem: why the session cannot be judged; attempt: how often it was tried
-    before; program: versions by which the key was made.
+    before; program: versions by which the key was made; seconds, memory: longest wall time [s] and
+    largest address space [bytes] of its process.
     """
 
     key: str
@@ -66,17 +59,17 @@ class SessionTask:
     bags: tuple[TaskBag, ...]
     rig: str
     rig_sha256: str
-    limits: SessionLimits
     effects: tuple[str, ...] = ()
     compute: str = VERDICT
     reports: str = ''
     problem: str = ''
     attempt: int = 0
     program: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 1800.0
+    memory: int = 6 << 30
 
     @property
     def seed(self) -> int:
-        """Seed of everything that is drawn."""
         return int(self.key[:8], 16) & 0x7FFFFFFF
 
     def as_dict(self) -> dict[str, Any]:
@@ -84,10 +77,13 @@ class SessionTask:
 
 
 def tasks_of(
-    sessions: Sequence[Session], rig: Path | None = None, limits: SessionLimits | None = None, *,
-    compute: str = VERDICT, reports: Path | None = None,
+    sessions: Sequence[Session], rig: Path | None = None, *, compute: str = VERDICT,
+    reports: Path | None = None, **limits: Any,
 ) -> list[SessionTask]:
-    """A task a session; sessions of the same recordings, rig and settings have the same key."""
+    """A task a session; sessions of the same recordings, rig and settings have the same key.
+
+    limits: `seconds` and `memory` of each.
+    """
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
     effects, program = _own_effects(), versions_in_use()
     tasks: dict[str, SessionTask] = {}
@@ -106,8 +102,8 @@ def tasks_of(
         tasks.setdefault(key, SessionTask(
             key, session.name, session.ring, session.bench, session.time, session.service_hours,
             session.maintenance, bags, '' if rig is None else str(rig.resolve()), rig_sha256,
-            limits or SessionLimits(), effects, compute,
-            '' if reports is None else str(reports.resolve()), session.problem, program=program))
+            effects, compute, '' if reports is None else str(reports.resolve()), session.problem,
+            program=program, **limits))
     return list(tasks.values())
 
 
@@ -123,14 +119,14 @@ def run(task: SessionTask, on_progress: OnProgress) -> dict[str, Any]:
         # Allow `memory` bytes of address space beyond those mapped already.
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (mapped + task.limits.memory, hard))
+        resource.setrlimit(resource.RLIMIT_AS, (mapped + task.memory, hard))
         answer = {'status': 'done', **compute(task)}
     except SaddleringError as problem:
         # The remedy is that of a campaign, which has no argument to trust another rig.
         answer = failure('refused', str(problem).replace('rig=FILE', '--rig FILE').replace(
             ', or trust_rig=True to continue with this rig', ''))
     except MemoryError:
-        answer = failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
+        answer = failure('memory', f'{task.name}: needs more than {task.memory >> 20} MB: '
                                    'give a larger --memory-limit, and --retry')
     except Exception as problem:
         answer = failure('failed', f'{type(problem).__name__}: {problem}')

@@ -1,9 +1,8 @@
 """The `saddlering` command: a module for each subcommand, found by walking this folder.
 
-Commands that do the same to other curves share one. A subcommand's module has COMMANDS and
-`run(args) -> int`, imports nothing heavy before `run`, and raises SaddleringError for each error
-that its user can correct. The type of each argument that names a path (`_arguments.Role`) declares
-whether it is read or written, that of a number (`Within`) its range.
+Commands that do the same share one. It has COMMANDS and `run(args) -> int`, imports nothing heavy
+before `run`, and raises SaddleringError for each error that its user can correct. The type of an
+argument declares the role of a path (`_arguments.Role`) and the range of a number (`Within`).
 """
 
 import signal

@@ -104,9 +104,8 @@ def run(args: argparse.Namespace) -> int:
     store = running.Store(args.out)
     store.prepare()
     sessions.write_manifest(store.folder, grouped, args.manifest)
-    limits_of_one = task.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
     tasks = task.tasks_of(
-        grouped, args.rig, limits_of_one,
+        grouped, args.rig, seconds=args.time_limit, memory=int(args.memory_limit * 2**30),
         reports=store.reports if args.reports == 'flagged' else None)
     workers = (running.local_workers(args.jobs) if args.scheduler is None else
                running.dask_workers(args.scheduler))

@@ -14,7 +14,6 @@ from typing import Any
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json, Within
 
-RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
 """Log lines of replay_clock at its start and after its last sample."""
 
@@ -105,7 +104,7 @@ def play(
     with contextlib.ExitStack() as stack:
         recorder = None
         if args.record is not None:
-            from saddlering_ros.live.recorder import recording
+            from saddlering_ros.live.recorder import NAME, recording
 
             os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             launcher.prepare_middleware()
@@ -114,7 +113,7 @@ def play(
             recorder = stack.enter_context(recording(
                 args.record, domain, facts=facts.as_text() if is_stated else {},
                 overwrite=args.overwrite, namespace=namespace_of(args.namespace)))
-            clock['participants'] = [*launcher.REPLAY_NODES, *nodes, RECORDER]
+            clock['participants'] = [*launcher.REPLAY_NODES, *nodes, NAME]
         group = stack.enter_context(launcher.start_nodes(
             bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
             parameters={**dict.fromkeys(launcher.REPLAY_NODES, trusted),

@@ -73,7 +73,6 @@ class Address:
 
     @property
     def url(self) -> str:
-        """The address to open in the browser."""
         host = f'[{self.host}]' if ':' in self.host else self.host
         return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
 
@@ -209,7 +208,6 @@ async def _test(watcher: Watcher, request: web.Request) -> web.Response:
 
 
 async def _bag(watcher: Watcher, request: web.Request) -> web.Response:
-    """The messages of a test to save."""
     number = int(request.match_info['number'])
     try:
         data = await asyncio.get_running_loop().run_in_executor(None, watcher.bag, number)

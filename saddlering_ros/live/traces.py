@@ -176,7 +176,6 @@ class Traces:
             self._begin_anew(start)
 
     def _push(self, name: str, stamps: Stamps, values: Floats) -> None:
-        """Take samples of one test."""
         if self._is_leftover(name, int(stamps.min())):
             self.left_out += len(stamps)
             return

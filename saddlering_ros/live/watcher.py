@@ -285,7 +285,6 @@ class Watcher:
             self._report([])  # the page leaves: nobody waits for it
 
     def _report(self, flows: list[RawSubscription]) -> None:
-        """Report to a replay what has arrived."""
         self._progress.publish(progress_of(f'{names.LIVE_PAGE}_{os.getpid()}', flows, []))
 
     def _review(self, now: float) -> None:

@@ -63,7 +63,6 @@ class AlarmStream:
             self.monitor.parameters_changed()
 
     def push(self, residual: Displacements, load: Samples) -> None:
-        """Take a batch of either stream."""
         if len(load):
             if len(self._stamps) and self._stamps[-1] - load.stamps[0] > batches.JITTER_NS:
                 self._forget()

@@ -141,7 +141,6 @@ class ReplayClockNode(BagNode):
         self.at_intervals(now)
 
     def at_intervals(self, now: float) -> float:
-        """Advance the time if all participants are ready."""
         if self._state == ReplayState.WAITING:
             self._wait(now)
         elif self._state == ReplayState.PLAYING and self._lockstep:

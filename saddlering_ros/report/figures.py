@@ -84,7 +84,6 @@ class RunCurves:
 
     @property
     def is_extended(self) -> bool:
-        """Whether there is a second simulation to show."""
         return self.after is not self.before
 
     def residual(self, channel: str, *, extended: bool) -> Array:

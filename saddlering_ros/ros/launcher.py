@@ -1,8 +1,7 @@
 """Processes of nodes: their middleware, start, signals and end; needs no launch package or rclpy.
 
-A group of nodes ends in every case: with its starter, killed or not, by a pipe; before their
-imports are done, with status 0; and files in /dev/shm that killed nodes left are removed.
-The middleware looks for nodes on this machine, and sends by UDP.
+A group of nodes ends in every case, before their imports are done with status 0. The middleware
+looks for nodes on this machine, and sends by UDP.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -198,7 +198,6 @@ class RawSubscription:
         return self.take_as(lambda messages: decode_samples(messages, topic))
 
     def publishers(self) -> int:
-        """How many publishers it is matched with."""
         return int(self.subscription.get_publisher_count())
 
     def close(self) -> None:
@@ -226,7 +225,6 @@ class RawPublisher:
             self.last_stamp = last_stamp
 
     def subscriptions(self) -> int:
-        """How many subscriptions it is matched with."""
         return int(self.publisher.get_subscription_count())
 
     def close(self) -> None:

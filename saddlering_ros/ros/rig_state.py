@@ -21,7 +21,7 @@ from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig, short_digest
 from saddlering_ros.rig.geometry import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
-from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
+from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Events, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import INCLINOMETER, RIG_IDENTITY, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
@@ -152,8 +152,6 @@ SILENT = 3.0
 EVENTS_COUNT = 10.0
 """A sample refused, lost or late keeps a rig from being ready for so long [s]."""
 
-EVENTS_TASK = 'events'
-
 
 class Readiness:
     """The diagnostics task `ready to test`: the reasons that prevent one, from nodes' statuses.
@@ -175,7 +173,7 @@ class Readiness:
         if node not in self._heard or task == self.name:
             return
         self._heard[node][task] = TaskStatus(level, words), now
-        if task == EVENTS_TASK and level > OK:
+        if task == Events.name and level > OK:
             self._events[node] = now, words
 
     def reasons(self, now: float) -> list[str]:
@@ -190,7 +188,7 @@ class Readiness:
                 reasons.append(f'{node}: {state.words}')
             else:
                 reasons += [f'{node}: {task}: {status.words}' for task, status in current.items()
-                            if status.level > OK and task != EVENTS_TASK]
+                            if status.level > OK and task != Events.name]
                 at, words = self._events.get(node, (-EVENTS_COUNT, ''))
                 if now - at < EVENTS_COUNT:
                     reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')

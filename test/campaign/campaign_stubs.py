@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from saddlering_ros.campaign.sessions import find_bags, group_sessions
-from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
+from saddlering_ros.campaign.task import SessionTask, tasks_of
 from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
@@ -131,4 +131,4 @@ def write_bag(folder: Path, ring: str, name: str, *, day: float = 0.0, elevation
 def tasks(folder: Path, compute: str = 'judge', **limits: float) -> list[SessionTask]:
     """Tasks of the bags under `folder`, judged by a function of this file."""
     sessions = group_sessions(find_bags(folder))
-    return tasks_of(sessions, None, SessionLimits(**limits), compute=f'campaign_stubs:{compute}')
+    return tasks_of(sessions, None, **limits, compute=f'campaign_stubs:{compute}')
