@@ -53,7 +53,7 @@ class Compiler:
             dispatcher = nb.njit(**options)(function)
             folder = self.folder
             if folder is not None:
-                dispatcher._cache = _cache_class(folder, self.digest)(dispatcher.py_func)
+                dispatcher._cache = _Kept(dispatcher.py_func, folder, self.digest)
             return dispatcher
         return compiled
 
@@ -115,40 +115,32 @@ def _is_of_this_user_alone(folder: Path) -> bool:
     return True
 
 
-@cache
-def _cache_class(folder: Path, digest: str) -> type[Any]:
+class _Kept(caching.FunctionCache):
     """Numba's cache of one function, in `folder` and valid for the sources of `digest`."""
 
-    class Locator(caching._CacheLocator):
-        def __init__(self, line: int) -> None:
-            self._line = line
+    def __init__(self, function: Callable[..., Any], folder: Path, digest: str) -> None:
+        class Locator(caching._CacheLocator):
+            def get_cache_path(self) -> str:
+                return str(folder)
 
-        def get_cache_path(self) -> str:
-            return str(folder)
+            def get_source_stamp(self) -> str:
+                return digest
 
-        def get_source_stamp(self) -> str:
-            return digest
+            def get_disambiguator(self) -> str:
+                return str(function.__code__.co_firstlineno)
 
-        def get_disambiguator(self) -> str:
-            return str(self._line)
+            @classmethod
+            def from_function(cls, _function: Any, _file: str) -> Any:
+                return cls()
 
-        @classmethod
-        def from_function(cls, function: Any, _file: str) -> Any:
-            return cls(function.__code__.co_firstlineno)
+        class Implementation(caching.CompileResultCacheImpl):
+            _locator_classes = (Locator,)
 
-    class Implementation(caching.CompileResultCacheImpl):
-        _locator_classes = (Locator,)
-
-    class Kept(caching.FunctionCache):
-        _impl_class = Implementation
-
-        def __init__(self, function: Callable[..., Any]) -> None:
-            super().__init__(function)
-            self._cache_file = _CheckedFile(
-                cache_path=self._cache_path, filename_base=self._impl.filename_base,
-                source_stamp=digest)
-
-    return Kept
+        self._impl_class = Implementation
+        super().__init__(function)
+        self._cache_file = _CheckedFile(
+            cache_path=self._cache_path, filename_base=self._impl.filename_base,
+            source_stamp=digest)
 
 
 class _CheckedFile(caching.IndexDataCacheFile):
