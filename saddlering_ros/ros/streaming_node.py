@@ -129,9 +129,7 @@ class StreamingNode(LifecycleNode):
     ) -> ChangeState.Response:
         """Refuse a transition that the state does not have: rclpy's own would end the node."""
         try:
-            changed: ChangeState.Response = (
-                super()._LifecycleNodeMixin__on_change_state(request, response))
-            return changed
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
         except RCLError:
             self.get_logger().warning('refused a transition that this state does not have')
             response.success = False
@@ -169,8 +167,7 @@ class StreamingNode(LifecycleNode):
                 self.get_logger().error(str(problem))
             self._disconnect()
             return TransitionCallbackReturn.FAILURE
-        result: TransitionCallbackReturn = upwards(state)
-        return result
+        return upwards(state)
 
     def sources(self) -> Task:
         """The task that counts the publishers of each input topic."""
