@@ -93,16 +93,14 @@ def option(name: str, words: str, **settings: Any) -> AddOption:
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand: name, one line of the list of commands, description, arguments, examples.
-
-    examples: command lines with their meaning.
-    """
+    """A subcommand: name, line of the list, description, arguments, examples with meaning."""
 
     name: str
     words: str
     description: str
     options: tuple[AddOption, ...]
     examples: tuple[tuple[str, str], ...]
+
 
 def examples_text(examples: Sequence[tuple[str, str]]) -> str:
     """Examples of a command, each with its meaning, as its help shows them."""
@@ -236,9 +234,8 @@ READING = (RIG, TRUST, *METADATA)
 
 EFFECTS = option('--effects', 'folder of your own effects, one YAML file each', type=effects_read,
                  metavar='DIR')
-PARAMS = option('--params', 'parameter file of an identification or diagnosis', type=file_read,
-                required=True, metavar='FILE')
-MODEL = (PARAMS, EFFECTS)
+MODEL = (option('--params', 'parameter file of an identification or diagnosis', type=file_read,
+                required=True, metavar='FILE'), EFFECTS)
 """The parameter file of a simulation, and the folder of the user's own effects in it."""
 
 REPORT = option('--report', 'write a report', type=page_written, metavar='FILE.html')
