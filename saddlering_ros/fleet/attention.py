@@ -32,8 +32,6 @@ UNLIKE_TEST = ('Test the ring on another rig. If it differs there too, measure i
                'it does not, the rig is at fault.')
 """Test that separates a ring that differs from the rig that tested it."""
 
-Rows = list[list[str | html.Cell]]
-
 
 @dataclass(frozen=True)
 class RingJudgement:
@@ -219,7 +217,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     pictures = [
         html.picture(history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
         for ring in [ring for ring in fleet.rings if ring.history.of][:MAX_DRAWN]]
-    every: Rows = [
+    every: list[list[str | html.Cell]] = [
         [html.code(ring.ring), ring.bench, str(len(ring.sessions)), f'{ring.e_value:.3g}',
          *([''] * len(COORDINATES) if ring.unlike is None else
            [f'{value:+.1f}' for value in ring.unlike.z_scores]), '; '.join(ring.reasons)]

@@ -25,7 +25,6 @@ from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import executable
 
-PARTICIPANTS = list(names.names(names.REPLAY, names.RING))
 MESSAGES_PER_STEP = 1000
 """Of one topic in lockstep, at most: the queues of its readers hold more."""
 
@@ -75,9 +74,9 @@ class ReplayClockNode(BagNode):
                       'lockstep only)', low=0.0, high=100.0),
         NodeParameter('lockstep', False, 'advance the clock only when all participants have '
                       'processed all earlier messages'),
-        NodeParameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
-                      'first message and in lockstep; nodes of your own, too, so that no name '
-                      'is refused as unknown'),
+        NodeParameter('participants', list(names.names(names.REPLAY, names.RING)),
+                      'nodes for which the clock waits, before the first message and in lockstep; '
+                      'nodes of your own, too, so that no name is refused as unknown'),
         NodeParameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001,
                       high=1.8, changeable=True),
         NodeParameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),

@@ -22,9 +22,6 @@ take unlimited memory or time."""
 SHARES = {'read': (0.0, 0.05), 'identify': (0.05, 0.9), 'validate': (0.9, 1.0)}
 """Part of a goal that each task is, from and to; by the time that they usually take."""
 
-NO_ITERATION = SearchStep(0, 0, math.nan, (), 1.0)
-"""Feedback while bags are read: the search has not begun."""
-
 
 class RingIdentificationNode(ActionNode):
     """Serves /identify_ring."""
@@ -42,7 +39,7 @@ class RingIdentificationNode(ActionNode):
 
     def feedback(self, progress: Progress, elapsed: float) -> IdentifyRing.Feedback:
         """One iteration of the swarm or of the refinement; no iteration while bags are read."""
-        step = progress.search or NO_ITERATION
+        step = progress.search or SearchStep(0, 0, math.nan, (), 1.0)
         begin, end = SHARES.get(progress.task, (0.0, 1.0))
         self._done_share = max(self._done_share, begin + (end - begin) * progress.share)
         return IdentifyRing.Feedback(

@@ -25,8 +25,6 @@ from saddlering_ros.rig.instruments import instruments_from
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold
 from saddlering_ros.ros.names import NodeError
 
-Value = bool | float | str | list[str]
-
 
 @dataclass(frozen=True)
 class NodeParameter:
@@ -38,7 +36,7 @@ class NodeParameter:
     """
 
     name: str
-    default: Value
+    default: bool | float | str | list[str]
     words: str
     low: float = -math.inf
     high: float = math.inf
