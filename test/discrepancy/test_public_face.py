@@ -92,7 +92,10 @@ def test_the_engine_imports_no_ring() -> None:
     (lambda: replace(lines(straight), effects={1: WAVE}), 'model: effects has the name 1: give'),
     (lambda: Effect('', {'f': Parameter(0, 1)}), "effect: its title is '': give a text"),
     (lambda: Effect('C', [Parameter(0, 1)]), 'effect C: declare at least one parameter, the size'),
-    (lambda: replace(record(), name=3), 'run: its name is 3: give a text'),
+    (lambda: replace(record(), name=3), 'run: its name is 3: give a text in'),
+    (lambda: replace(record(), name='a\nb'), "run: its name is 'a\\nb': give a text in one"),
+    (lambda: replace(lines(straight), channels={'y\n': Channel()}),
+     "model: channels has the name 'y\\n': give another one"),
     (lambda: diagnose(lines(straight), [record()], hold_out=record(1)),
      'diagnose: hold_out is a Run: give a list of runs'),
     (lambda: diagnose(lines(straight), [record(huge=1e300)]),
@@ -346,12 +349,15 @@ def test_the_last_report_of_progress_is_the_whole() -> None:
     assert shares == sorted(shares)
 
 
-def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason() -> None:
+@pytest.mark.parametrize('error', [OSError, SystemExit])
+def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason(
+        error: type[BaseException]) -> None:
     def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         if run.name == 'run 1':
-            raise OSError('no road file')
+            raise error('no road file')
         return straight(parameters, run)
 
-    with pytest.raises(discrepancy.DiscrepancyError,
-                       match=r'parameters \(OSError: no road file; the last in run run 1 at '):
+    with pytest.raises(
+            discrepancy.DiscrepancyError, match=(
+                rf'parameters \({error.__name__}: no road file; the last in run run 1 at ')):
         diagnose(lines(simulate), [record(0), record(1)])

@@ -57,6 +57,11 @@ class Channel:
                 f'channel: model_error is {self.model_error}: a share of the range, 0 to 1')
 
 
+def _is_name(value: object) -> bool:
+    """Whether a value is a text that fits into a line."""
+    return isinstance(value, str) and bool(value) and value.isprintable()
+
+
 def _numbers(what: str, values: ArrayLike) -> Array:
     """The values as floats, NaN where masked; DiscrepancyError if they are no real numbers."""
     try:
@@ -94,8 +99,8 @@ class Run:
     coordinates: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.name, str) and self.name):
-            raise DiscrepancyError(f'run: its name is {self.name!r}: give a text')
+        if not _is_name(self.name):
+            raise DiscrepancyError(f'run: its name is {self.name!r}: give a text in one line')
         time = _numbers(f'run {self.name}: time', self.time)
         if time.ndim != 1 or time.size < system.MIN_SAMPLES:
             raise DiscrepancyError(f'run {self.name}: time has shape {time.shape}: give one row '
@@ -151,7 +156,7 @@ class Model:
             given, kind = getattr(self, name), wanted.__name__
             system.must_be(Mapping, f'model: {name}', given, f'a mapping from names to {kind}')
             for key, value in given.items():
-                if not (isinstance(key, str) and key) or (
+                if not _is_name(key) or (
                         wanted is Effect and (key in OUTCOMES or ' or ' in key)):
                     raise DiscrepancyError(f'model: {name} has the name {key!r}: give another one')
                 system.must_be(wanted, f'model: {name} {key}', value, f'{kind}(...)')
@@ -392,7 +397,7 @@ class ModelSystem:
             given = [one for one in answers if isinstance(one, Mapping)]
             if len({tuple(map(_memory, one.values())) for one in given}) < len(given):
                 raise ValueError('several points share their arrays')
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # One that exits loses this point, too.
             if len(asked) > 1:
                 for one in asked:
                     yield from self._simulated([one], run)
