@@ -102,12 +102,15 @@ def problem_of(
 def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
     diagnosis = _with_noise_doubts(diagnosis, system)
+    few, has_code = _few_samples(diagnosis)
+    if has_code and diagnosis.verdict != 'unknown':
+        diagnosis = _unestablished(diagnosis)
     errors = {name: channel.model_error for name, channel in system.model.channels.items()}
     largest: dict[str, results.Remainder] = {}
     for rest in diagnosis.remainder:
         largest.setdefault(rest.channel, rest)
     warnings = (
-        *diagnosis.warnings, *_few_samples(diagnosis),
+        *diagnosis.warnings, *few,
         *(wording.BEYOND_DECLARED.format(
             name, rest.run, percent(rest.share_of_range), percent(errors[name]))
           for name, rest in largest.items() if errors[name] > 0.0),
@@ -134,9 +137,12 @@ of the others. Such a value is the code of a recorder for a missing reading. Thi
 samples had no warning."""
 
 
-def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
-    """A sentence for each channel of which few samples of a run hold most of the misfit."""
-    problem, found = diagnosis.fits.metric.problem, dict[str, str]()
+def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
+    """A sentence for each channel of which few samples of a run hold most of the misfit.
+
+    With them whether any of these samples are codes of a recorder.
+    """
+    problem, found, has_code = diagnosis.fits.metric.problem, dict[str, str](), False
     for one in diagnosis.runs:
         for residual, readings, (name, scale) in zip(
                 one.after - one.run.channels, one.run.channels, problem.view_ranges.items(),
@@ -150,11 +156,12 @@ def _few_samples(diagnosis: results.Diagnosis) -> list[str]:
             few = CODE_SAMPLES if is_code else FEW_SAMPLES
             if count <= max(few * powers.size, 1) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
+                has_code |= is_code
                 found.setdefault(name, wording.FEW_SAMPLES.format(
                     name, one.run.name, count, powers.size,
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
                     percent(held[count - 1])))
-    return [*found.values()]
+    return [*found.values()], has_code
 
 
 def _is_code(value: float, readings: Array) -> bool:
@@ -216,14 +223,18 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
     doubts = [] if diagnosis.verdict == 'unknown' or not over else [
         wording.WRONG_LAW_HIDES] if diagnosis.causes else [
         wording.NOT_NOISE.format(where) for where in not_noise[:1]]
-    warnings = (*over, *under, *(sentence for _, sentence in small.values()), *doubts,
-                *diagnosis.warnings)
-    if not under and not doubts:
-        return replace(diagnosis, warnings=warnings)
+    told = replace(diagnosis, warnings=(
+        *over, *under, *(sentence for _, sentence in small.values()), *doubts,
+        *diagnosis.warnings))
+    return _unestablished(told, is_more=bool(under)) if under or doubts else told
+
+
+def _unestablished(diagnosis: results.Diagnosis, *, is_more: bool = False) -> results.Diagnosis:
+    """The same without a name; is_more: whether the misfit is surely more than the noise."""
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
-        diagnosis, verdict='unknown', causes=causes, warnings=warnings, complete=False,
-        probabilities=results.probabilities_of('unknown', causes) if causes or under else OPEN)
+        diagnosis, verdict='unknown', causes=causes, complete=False,
+        probabilities=results.probabilities_of('unknown', causes) if causes or is_more else OPEN)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

@@ -249,6 +249,8 @@ def test_a_recorder_that_writes_a_code_for_no_reading_is_told(code: float, is_to
     answer = diagnose(lines(straight), [replace(runs[0], outputs={'y': readings}), *runs[1:]])
     assert is_told == any('y in run 0: ' in one and ' of 200 samples, the largest at ' in one
                           for one in answer.warnings)
+    # Codes widen the noise that is learnt, and with it what counts as noise.
+    assert (answer.verdict, answer.complete) == ('unknown', False) or not is_told
 
 
 def test_a_free_constant_of_a_thousand_ranges_hides_no_cause() -> None:
