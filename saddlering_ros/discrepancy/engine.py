@@ -194,7 +194,11 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
 def _causes_of(
     answer: Answer, steady: Sequence[results.Cause], *, is_partial: bool,
 ) -> list[results.Cause]:
-    """Published causes with other places of established ones, and steady lines, largest first."""
+    """Published causes with other places of established ones, and steady lines.
+
+    The largest comes first, of established ones as far as their sizes are sure: two waves of
+    raceways of 1.6 +- 0.6 um stood before a bent load cell with a third more power.
+    """
     space, fit = answer.search.space, answer.search.fit
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
               if answer.verdict in ('named', 'ambiguous')}
@@ -202,7 +206,7 @@ def _causes_of(
         (replace(cause, partial=is_partial, elsewhere=tuple(
             other.point.effects[cause.effect] for other in places.get(cause.effect, ())))
          for cause in (*answer.published.causes, *steady)),
-        key=lambda cause: -cause.visible)
+        key=lambda cause: -(cause.visible if is_partial else cause.sure))
 
 
 def _law_of(answer: Answer) -> LawProposal | None:

@@ -118,6 +118,16 @@ class Cause:
             or (interval := self.parameters[one.name].interval) is None
             or interval[0] <= one.neutral <= interval[1] for one in others)
 
+    @property
+    def sure(self) -> float:
+        """`visible` over one plus the relative deviation of its surest amplitude."""
+        size, *others = self.definition.ordered
+        amplitudes = [(size.name, self.definition.neutral), *(
+            (one.name, one.neutral) for one in others if one.neutral is not None)]
+        deviations = [one.std / max(abs(one.value - neutral), 1e-300) for name, neutral in
+                      amplitudes if (one := self.parameters.get(name)) is not None]
+        return self.visible / (1.0 + min(deviations, default=0.0))
+
     def entry(self) -> CauseEntry:
         """The cause as JSON has it."""
         parameters: dict[str, SizeEntry] = {
@@ -474,7 +484,8 @@ def probabilities_of(
     The chance of established causes falls with a power of the share of the misfit that they leave
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
-    which is 0 where their law may be another. Several share it by a power of their visible sizes.
+    which is 0 where their law may be another. Several share it by a power of their visible sizes,
+    of established ones as far as these are sure.
     nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
     the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
@@ -484,8 +495,8 @@ def probabilities_of(
     chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = (MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)) * (1.0 - sound)
-    exponent = OPEN_EXPONENT if verdict == 'unknown' else ESTABLISHED_EXPONENT
-    weights = [cause.visible**exponent for cause in causes]
+    weights = [cause.visible**OPEN_EXPONENT if verdict == 'unknown' else
+               cause.sure**ESTABLISHED_EXPONENT for cause in causes]
     answer: dict[str, float] = {}
     for cause, weight in zip(causes, weights, strict=True):
         name = ' or '.join(cause.group)
