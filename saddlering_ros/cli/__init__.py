@@ -1,4 +1,4 @@
-"""The `saddlering` command: a module for each subcommand, found by walking this folder.
+"""The `saddlering` command: its subcommands in modules, found by walking this folder.
 
 Commands that do the same share one. It has COMMANDS and `run(args) -> int`, imports nothing heavy
 before `run`, and raises SaddleringError for each error that its user can correct. The type of an

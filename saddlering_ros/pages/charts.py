@@ -196,28 +196,16 @@ def strokes(x: Array, low: Array, high: Array, name: str = '', dash: str = '-',
     return line(across, up, colour, name, dash, width, opacity)
 
 
-@dataclass(frozen=True)
-class Version:
-    """A simulated curve (N,) beside a measured one."""
-
-    values: Array
-    colour: str
-    name: str
-    dash: str = '-'
-
-
 def compared(
-    upper: Panel, unit: str, over: Array, measured: Array, versions: Sequence[Version],
+    upper: Panel, unit: str, measured: Array, simulated: Sequence[Series],
     bands: tuple[ShadedBand, ...] = (),
 ) -> tuple[Panel, Panel]:
     """A panel of a measured curve with its simulations, and the misfit of each below it.
 
-    upper: the panel with the measured series and its labels; unit: of the misfit; over, measured
-    (N,): both coordinates of the measured curve; bands: of the misfit.
+    upper: the panel with the measured series and its labels; unit: of the misfit; measured (N,):
+    the curve where the simulated ones are; bands: of the misfit.
     """
-    simulated = tuple(line(over, one.values, one.colour, one.name, one.dash, width=1.0)
-                      for one in versions)
-    misfits = tuple(line(over, measured - one.values, one.colour, width=0.9) for one in versions)
+    misfits = tuple(line(one.x, measured - one.y, one.colour, width=0.9) for one in simulated)
     return (replace(upper, series=(*upper.series, *simulated)),
             Panel(upper.row + 1, upper.column, upper.x_label, f'misfit\n{unit}'.rstrip(), misfits,
                   bands=bands, levels=(0.0,)))

@@ -259,17 +259,18 @@ def _compared(
                     width=4.5, opacity=0.45)
         for here, mark, colour, words in branches_of]
     alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
-    versions = [charts.Version(before, charts.BEFORE, alone)]
+    simulated = [charts.line(over, before, charts.BEFORE, alone, width=1.0)]
     if run.is_extended:
-        versions.append(charts.Version(after, charts.AFTER, 'simulated, extended model', '--'))
+        simulated.append(charts.line(over, after, charts.AFTER, 'simulated, extended model', '--',
+                                     width=1.0))
     role = 'held out' if run.held_out else 'fitted'
     title = '' if row else f'{run.name}: {run.elevation_deg:g}°, {role}'
     upper, below = charts.compared(
         Panel(row, column, across, axis_label(channel), tuple(seen), title=title),
-        MICRO_UNITS[channel], over, measured, versions, _bands(run, channel))
+        MICRO_UNITS[channel], measured, simulated, _bands(run, channel))
     points = [
-        markers(over[here], (measured - one.values)[here], mark, colour, size=4.0, is_open=True)
-        for one in versions for here, mark, colour, _ in branches_of if is_static]
+        markers(over[here], (measured - one.y)[here], mark, colour, size=4.0, is_open=True)
+        for one in simulated for here, mark, colour, _ in branches_of if is_static]
     return [upper, replace(below, series=(*below.series, *points))]
 
 

@@ -12,7 +12,7 @@ from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
-from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, Version
+from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP
 from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import CHANCE, percent, probability, quantity, verdict_line
 
@@ -83,16 +83,18 @@ class _Channel:
         pauses = 1 + np.flatnonzero(steps > PAUSE * np.median(np.append(steps, 0.0)))
         time, measured, before, after = (np.insert(values[kept], pauses, np.nan) for values in (
             run.time, run.channels[place], prediction.before[place], prediction.after[place]))
-        versions = [Version(before, charts.BEFORE, 'simulated, without causes')]
+        simulated = [charts.line(time, before, charts.BEFORE, 'simulated, without causes',
+                                 width=1.0)]
         if not np.array_equal(before, after, equal_nan=True):
-            versions.append(Version(after, charts.AFTER, 'simulated, with the causes', '--'))
+            simulated.append(charts.line(time, after, charts.AFTER, 'simulated, with the causes',
+                                         '--', width=1.0))
         upper = Panel(row, 0, f'time / {self.time_unit}' if self.time_unit else 'time',
                       f'{self.name} / {self.unit}' if self.unit else self.name,
                       (charts.line(time, measured, charts.MEASURED, 'measured', width=3.5,
                                    opacity=0.4),))
         bands = tuple(ShadedBand(-size, size, opacity, name) for opacity, (name, size) in zip(
             (charts.DARK, charts.LIGHT), self.bands.items(), strict=False))
-        return charts.compared(upper, self.unit, time, measured, versions, bands)
+        return charts.compared(upper, self.unit, measured, simulated, bands)
 
 
 def channels_of(answer: Diagnosis) -> list[_Channel]:
