@@ -19,9 +19,10 @@ import numpy as np
 
 from saddlering_ros import discrepancy
 from saddlering_ros.comparison import sessions
-from saddlering_ros.comparison.sessions import Array, QUANTITIES
+from saddlering_ros.comparison.sessions import QUANTITIES
 from saddlering_ros.diagnosis.records import PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig

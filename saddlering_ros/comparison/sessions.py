@@ -13,16 +13,14 @@ from functools import cached_property
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects import catalogue
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
-
-Array = NDArray[np.float64]
 
 SESSION = 'session'
 """Fixed value of a variant: the session in which the cause acts."""

@@ -1,6 +1,6 @@
 """A first map made from the files' own columns, to be completed by hand."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 import json
 import re
@@ -58,13 +58,10 @@ def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
         entries = _channel(name, chosen[name], sources) if name in chosen else \
             [f'column: {TO_DO}', f'unit: {TO_DO}']
         lines.append(f'  {name}: {{{", ".join(entries)}}}')
-    return _HEAD + '\n'.join(lines) + '\n' + _TEST, list(_seen(sources))
-
-
-def _seen(sources: Sequence[Source]) -> Iterator[str]:
+    seen = []
     for source in sources:
-        yield f'{source.path}: {source.FORMAT}, {len(source.columns)} columns'
-        yield from (f'  {line}' for line in source.shape_words)
+        seen.append(f'{source.path}: {source.FORMAT}, {len(source.columns)} columns')
+        seen += [f'  {line}' for line in source.shape_words]
         for column in source.columns:
             unit = f' [{column.unit}]' if column.unit else ' (no unit given)' \
                 if column.kind == NUMBER else ''
@@ -76,9 +73,10 @@ def _seen(sources: Sequence[Source]) -> Iterator[str]:
                 clock = f', {how} ' + (
                     'no date' if start is None else f'from {calibration.words_of(start)}')
             first = f', first {", ".join(column.samples)}' if column.samples else ''
-            yield f'  {column.name}{unit}: {column.kind}s{rows}{clock}{first}'
-        yield from (f'  {name}: not read, because {why}' for name, why in source.unread.items())
-        yield from (f'  warning: {line}' for line in source.warnings)
+            seen.append(f'  {column.name}{unit}: {column.kind}s{rows}{clock}{first}')
+        seen += [f'  {name}: not read, because {why}' for name, why in source.unread.items()]
+        seen += [f'  warning: {line}' for line in source.warnings]
+    return _HEAD + '\n'.join(lines) + '\n' + _TEST, seen
 
 
 _quoted = partial(json.dumps, ensure_ascii=False)

@@ -179,7 +179,19 @@ class Feed:
                                       f'row {first + bad[0] + 1}, {shown!r} {words}')
                 good = np.flatnonzero(stamps != calibration.MISSING)
                 for run_rows in self._runs(piece, block, stamps, good):
-                    kept = self._later(piece.source, stamps, run_rows, first)
+                    # Kept are rows whose time is later than that of every row before them.
+                    times = stamps[run_rows]
+                    before = np.maximum.accumulate(np.concatenate([[self._last], times]))
+                    self._last, before = int(before[-1]), before[:-1]
+                    stuck, back = run_rows[times == before], run_rows[times < before]
+                    if len(stuck):
+                        piece.source.warn('rows with the time of an earlier row are left out',
+                                          len(stuck), f'row {stuck[0] + first + 1}')
+                    if len(back):
+                        furthest = float((before - times)[times < before].max()) / SECOND
+                        piece.source.warn('rows whose time goes back are left out', len(back),
+                                          f'row {back[0] + first + 1}, by up to {furthest:.6g} s')
+                    kept = run_rows[times > before]
                     left_out += len(run_rows) - len(kept)
                     if len(kept):
                         yield self._part(piece, block, stamps, kept)
@@ -226,22 +238,6 @@ class Feed:
                     self._label, self._last = label, calibration.MISSING
                 yield run_rows
 
-    def _later(
-        self, source: Source, stamps: Stamps, rows: NDArray[np.int64], first: int,
-    ) -> NDArray[np.int64]:
-        """Those rows whose time is later than that of every row before them."""
-        times = stamps[rows]
-        before = np.maximum.accumulate(np.concatenate([[self._last], times]))
-        self._last, before = int(before[-1]), before[:-1]
-        stuck, back = rows[times == before], rows[times < before]
-        if len(stuck):
-            source.warn('rows with the time of an earlier row are left out', len(stuck),
-                        f'row {stuck[0] + first + 1}')
-        if len(back):
-            furthest = float((before - times)[times < before].max()) / SECOND
-            source.warn('rows whose time goes back are left out', len(back),
-                        f'row {back[0] + first + 1}, by up to {furthest:.6g} s')
-        return rows[times > before]
 
     def _part(self, piece: Piece, block: Block, stamps: Stamps, rows: NDArray[np.int64]) -> Part:
         """Readings in SI of these rows, without those that no message can hold."""
