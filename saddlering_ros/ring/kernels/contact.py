@@ -4,7 +4,6 @@ Powers have no branch and no call, so that loops over them become vector code.
 """
 
 import math
-from typing import Any
 
 from llvmlite import ir
 import numba as nb
@@ -26,7 +25,7 @@ such a force."""
 
 
 @kernel(**INNER)
-def row_motions(m: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any, v2: Any) -> Any:
+def row_motions(m, q0, q1, q2, v0, v1, v2):
     """(a, b, da, db) of upper, lower and radial row at motion q and its rate v.
 
     A roller penetrates by a + b cos - gap, at a rate of da + db cos.
@@ -37,22 +36,21 @@ def row_motions(m: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any, v2: Any) ->
 
 
 @kernel(**INNER)
-def row_laws(m: Any) -> Any:
+def row_laws(m):
     """(K, n, D) of upper, lower and radial row."""
     return ((m.K1 * m.upper_row_stiffness, m.n1, m.D1), (m.K1 * m.lower_row_stiffness, m.n1, m.D1),
             (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
 
 
 @kernel(**INNER)
-def row_rollers(m: Any) -> Any:
+def row_rollers(m):
     """Numbers of rollers of upper, lower and radial row."""
     axial = np.uint64(m.axial_rollers)
     return axial, axial, np.uint64(m.radial_rollers)
 
 
 @kernel(fastmath=FAST, **INNER)
-def in_contact(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any,
-               guess: Any) -> Any:
+def in_contact(rows, row, rollers, uniform, a, b, guess):
     """Places of cosines, weights and gaps of an interval with all rollers in contact; its length.
 
     guess: the length at which the search starts. The length of the last call is the best guess,
@@ -89,7 +87,7 @@ def in_contact(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any,
 
 
 @kernel(**INNER)
-def growth_terms(growing: Any, saturation: Any, exponent: Any) -> Any:
+def growth_terms(growing, saturation, exponent):
     """(share, m, L^m, 1/r^m + L^m, steepness of the fade) of growing damping, as in `row_sums`."""
     share, growth = growing
     growth = growth if growth > 0.0 else exponent
@@ -103,7 +101,7 @@ def growth_terms(growing: Any, saturation: Any, exponent: Any) -> Any:
 
 
 @kernel(fastmath=FAST, **INNER)
-def grown(p: Any, binary: Any, growth: Any, turn: Any, steepness: Any, saturation: Any) -> Any:
+def grown(p, binary, growth, turn, steepness, saturation):
     """(g, s, fade, swing) of growing damping at p, of which `binary` is log2; L as in `row_sums`.
 
     g = p^(m-1) / (1 + (p L)^m); the damping grows as g p fade, its slope as g (s fade + swing).
@@ -128,9 +126,8 @@ LN2 = math.log(2.0)
 
 
 @kernel(fastmath=FAST, forceinline=True, **INNER)
-def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: Any, growing: Any,
-             saturation: Any, guess: Any, parts: Any = None, each: Any = None,
-             places: Any = None) -> Any:
+def row_sums(rows, row, rollers, uniform, motion, law, growing, saturation, guess, parts=None,
+             each=None, places=None):
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
@@ -237,7 +234,7 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: 
 
 
 @kernel(**INNER)
-def keep_matrix(m: Any, sum0: Any, sum1: Any, sum2: Any, radial: Any, w: Any, place: Any) -> Any:
+def keep_matrix(m, sum0, sum1, sum2, radial, w, place):
     """Set a matrix of w by sums of slopes: axial rows times 1, cos, cos^2, radial row cos^2."""
     radius, height = m.radius, m.radial_row_height
     w[place] = radial
@@ -248,8 +245,7 @@ def keep_matrix(m: Any, sum0: Any, sum1: Any, sum2: Any, radial: Any, w: Any, pl
 
 
 @kernel(**INNER)
-def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                   v2: Any, growing: Any, saturation: Any, w: Any, parts: Any) -> Any:
+def forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing, saturation, w, parts):
     """`ring_forces` for growing and saturating damping, or None, as in `row_sums`."""
     motions, laws, rollers = row_motions(m, q0, q1, q2, v0, v1, v2), row_laws(m), row_rollers(m)
     axial = turn = radial = k0 = k1 = k2 = k3 = d0 = d1 = d2 = d3 = 0.0
@@ -272,8 +268,7 @@ def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v
 
 
 @kernel(**INNER)
-def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                v2: Any, w: Any, parts: Any, grows: Any) -> Any:
+def ring_forces(m, rows, uniform, q0, q1, q2, v0, v1, v2, w, parts, grows):
     """Contact forces on the upper ring at motion q and its rate v.
 
     Fills w: FORCE (3,); STIFFNESS and DAMPING are -dF/dq and -dF/dv, each as its entries 00, 02,
@@ -292,7 +287,7 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
 
 
 @kernel(fastmath=FAST, **INNER)
-def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
+def elastic_energy(m, rows, q0, q1, q2):
     """Elastic energy [J] of all rollers at motion q, sum K p^(n+1)/(n+1)."""
     motions, laws, rollers = row_motions(m, q0, q1, q2, 0.0, 0.0, 0.0), row_laws(m), row_rollers(m)
     stride = np.uint64(rows.size) // np.uint64(9)
@@ -318,37 +313,37 @@ INTEGER_FLOAT_BITS = 0x4338000000000000
 
 
 @intrinsic
-def bits_of(typing_context: Any, number: Any) -> Any:
+def bits_of(typing_context, number):
     """The 64 bits of a float as an integer."""
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(context, builder, signature, arguments):
         return builder.bitcast(arguments[0], ir.IntType(64))
     return nb.types.int64(nb.types.float64), build
 
 
 @intrinsic
-def float_of(typing_context: Any, bits: Any) -> Any:
+def float_of(typing_context, bits):
     """The float whose 64 bits are those of an integer."""
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(context, builder, signature, arguments):
         return builder.bitcast(arguments[0], ir.DoubleType())
     return nb.types.float64(nb.types.int64), build
 
 
 @intrinsic
-def widest_vectors(typing_context: Any) -> Any:
+def widest_vectors(typing_context):
     """Let the calling function use the widest registers of the core.
 
     LLVM uses 256 of the 512 bits of some Intel cores, because older cores lowered their clock for
     wide registers. A loop of pure arithmetic becomes a seventh faster with all bits. llvmlite does
     not list this attribute, so that its check is avoided here. Other cores ignore the attribute.
     """
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(context, builder, signature, arguments):
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
     return nb.types.none(), build
 
 
 @kernel(fastmath=FAST, inline='always', **INNER)
-def log2_of(p: Any) -> Any:
+def log2_of(p):
     """Logarithm to base 2 of a positive normal number p."""
     pattern = bits_of(p)
     whole = (pattern - SQRT_HALF_BITS) >> 52
@@ -363,7 +358,7 @@ def log2_of(p: Any) -> Any:
 
 
 @kernel(fastmath=FAST, inline='always', **INNER)
-def exp2_of(y: Any) -> Any:
+def exp2_of(y):
     """2 ** y, if the result is a normal number."""
     k = np.rint(y)
     f = y - k
@@ -379,7 +374,7 @@ def exp2_of(y: Any) -> Any:
 
 
 @kernel(fastmath=FAST, inline='always', **INNER)
-def power(p: Any, exponent: Any) -> Any:
+def power(p, exponent):
     """P ** exponent for a positive normal number p, with a relative error below 1e-13.
 
     log2 is the atanh series of the mantissa, and exp2 is a polynomial. Both are fitted at

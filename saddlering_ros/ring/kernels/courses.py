@@ -1,6 +1,5 @@
 """Load on the ring before the motion is known, and readings of the probes of a known motion."""
 
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ UNCHANGED = np.empty((0, 3, 0)), np.array([-1])
 
 
 @kernel(**OUTER)
-def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
+def load_course(models, zero_load, load, external):
     """Fill external (N, 3) with force and moment on the ring, from rest under zero_load on."""
     m = models[0]
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
@@ -27,8 +26,7 @@ def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
 
 
 @kernel(**OUTER)
-def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any, changes: Any,
-                 moved: Any, out: Any) -> None:
+def read_courses(models, zero_load, time, load, motion, changes, moved, out):
     """Fill out (P, N, 4) with the readings of models (P,) of a motion (N, 3) with a change each.
 
     changes (N, 3, S); moved (P,): the change of each model, -1 for none.
@@ -54,8 +52,7 @@ def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any,
 
 
 @kernel(**OUTER)
-def steps_of_record(record: Any, time: Any, max_step: Any, step_time: Any, step_load: Any,
-                    motion: Any, samples: Any) -> None:
+def steps_of_record(record, time, max_step, step_time, step_load, motion, samples):
     """From the record of `integration.careful_step` the steps (S + 1,) after the rest at the zero.
 
     step_time, step_load and motion (S + 1, 3) are filled from place 1 on; samples (N,): the step
@@ -89,7 +86,7 @@ def steps_of_record(record: Any, time: Any, max_step: Any, step_time: Any, step_
 
 
 @kernel(**OUTER)
-def block_means(readings: Any, starts: Any, stops: Any, out: Any) -> None:
+def block_means(readings, starts, stops, out):
     """Fill out (P, 4, B): means of readings (P, N, 4) over the blocks [start, stop)."""
     for k in range(readings.shape[0]):
         for b in range(starts.size):
@@ -101,8 +98,7 @@ def block_means(readings: Any, starts: Any, stops: Any, out: Any) -> None:
 
 
 @kernel(**OUTER)
-def plain_changes(models: Any, changes: Any, samples: Any, moved: Any, starts: Any, stops: Any,
-                  out: Any) -> None:
+def plain_changes(models, changes, samples, moved, starts, stops, out):
     """Fill out (P, 4, B): block means of readings of changes (M, 3, S) that add nothing else.
 
     samples (N,): the step of each sample; moved (P,): the change of each row, -1 for none.

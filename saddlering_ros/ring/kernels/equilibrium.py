@@ -1,7 +1,6 @@
 """Static equilibrium under a load or a sequence of loads, by Newton on a convex energy."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
 
 
 @kernel(**INNER)
-def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
+def solve3(a00, a02, a11, a12, a22, r0, r1, r2):
     """(found, x0, x1, x2) with a x = r, a symmetric and a01 = 0; found only if a is definite."""
     if a00 <= 0.0 or a11 <= 0.0:
         return False, 0.0, 0.0, 0.0
@@ -25,7 +24,7 @@ def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r
 
 
 @kernel(**INNER)
-def differences(h: Any, h_old: Any) -> Any:
+def differences(h, h_old):
     """(c0, c1, c2) of v = c0 q + c1 q_old + c2 q_older; c2 = 0 after a start or a jump in h.
 
     BDF2 for a step of h after one of h_old; backward Euler after a start.
@@ -38,7 +37,7 @@ def differences(h: Any, h_old: Any) -> Any:
 
 
 @kernel(**INNER)
-def system(m: Any, a: Any, k: Any, d: Any, c0: Any, rubbing: Any) -> Any:
+def system(m, a, k, d, c0, rubbing):
     """Entries 00, 02, 11, 12, 22 of K + c0 D + c0^2 M + slopes of friction, the matrix of a step.
 
     K and D are at places k and d of an array a.
@@ -50,7 +49,7 @@ def system(m: Any, a: Any, k: Any, d: Any, c0: Any, rubbing: Any) -> Any:
 
 
 @kernel(**INNER)
-def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
+def equilibrium(m, rows, uniform, w, x, y, tilt):
     """(found, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 
     The elastic energy is convex. Newton with backtracking on the total energy therefore converges
@@ -102,7 +101,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
 
 
 @kernel(**OUTER)
-def static_batch(models: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
+def static_batch(models, rows, uniform, load, q_out):
     """Equilibrium of each model (B,) at each load (N,) in order, or NaN; q_out (B, N, 3).
 
     The last equilibrium and its stiffness predict the next.

@@ -1,14 +1,13 @@
 """Laws that effects add to the ring: load path, friction, series motion, readings of probes."""
 
 import math
-from typing import Any
 
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.layout import INNER, kernel
 
 
 @kernel(**INNER)
-def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpness: Any) -> Any:
+def hysteron(z_smooth, z_sharp, travel, presliding, sharpness):
     """Rate-independent friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
 
     z_smooth follows Dahl's law dz/dx = (1 - sgn(dx) z)/presliding, solved exactly over the step.
@@ -31,7 +30,7 @@ with more, the ring would begin on the other side of its clearance."""
 
 
 @kernel(**INNER)
-def state_at_rest(element: Any, i: Any, w: Any) -> Any:
+def state_at_rest(element, i, w):
     """State of friction i at rest under w[EXTERNAL]; radial friction takes no more than a share.
 
     The cylinder loads a ring in one radial direction only. A tilt can be held after a load the
@@ -44,7 +43,7 @@ def state_at_rest(element: Any, i: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def friction_force(element: Any, s: Any, i: Any, travel: Any) -> Any:
+def friction_force(element, s, i, travel):
     """Force [N or N m] of friction i after `travel` [m or rad], its slope, its mean slope."""
     if element.limit == 0.0:
         return 0.0, 0.0, 0.0
@@ -58,7 +57,7 @@ def friction_force(element: Any, s: Any, i: Any, travel: Any) -> Any:
 
 
 @kernel(**INNER)
-def advance_friction(element: Any, s: Any, place: Any, travel: Any) -> Any:
+def advance_friction(element, s, place, travel):
     """Advance the two states of a friction at a place of s over `travel`; its z."""
     s[place], s[place + 1], z, _ = hysteron(
         s[place], s[place + 1], travel, element.presliding, element.sharpness)
@@ -66,7 +65,7 @@ def advance_friction(element: Any, s: Any, place: Any, travel: Any) -> Any:
 
 
 @kernel(**INNER)
-def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
+def load_at_ring(m, measured, z_cylinder, z_bracket, w):
     """Set w[EXTERNAL] (3,), with dead weight, and w[RESOLVED], without, by the load `measured`.
 
     Resolved: F_x, F_y, M of the load alone, by which series compliances deform. Returns P.
@@ -90,7 +89,7 @@ def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any)
 
 
 @kernel(**INNER)
-def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
+def load_at_rest(m, s, load, w):
     """Set the load path to its state at the start; the load at the ring."""
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
     s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
@@ -99,7 +98,7 @@ def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
+def low_pass(state, old, new, dt, time_constant):
     """State of a first-order low-pass after dt; exact for an input linear from `old` to `new`."""
     if time_constant <= 0.0:
         return new
@@ -113,7 +112,7 @@ def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any
 
 
 @kernel(**INNER)
-def opened(beyond: Any, spread: Any) -> Any:
+def opened(beyond, spread):
     """Mean of max(0, beyond - s) over s from -spread to spread [N m]: bolts open one by one."""
     if spread <= 0.0:
         return max(0.0, beyond)
@@ -122,7 +121,7 @@ def opened(beyond: Any, spread: Any) -> Any:
 
 
 @kernel(**INNER)
-def series_motion(m: Any, s: Any, w: Any) -> Any:
+def series_motion(m, s, w):
     """Set w[MOTION] (3,): contact motion, series compliances, settling; no creep or resonance.
 
     A joint opens at one moment of load and dead weight together.
@@ -141,7 +140,7 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
+def advance_series(m, s, w, dt):
     """Add creep and second mode to w[MOTION] over dt; their states are in s."""
     for i in range(3):
         amount = m.creep_radial if i == 0 else m.creep_axial
@@ -173,8 +172,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
 
 
 @kernel(**INNER)
-def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
-                n: Any) -> Any:
+def read_probes(m, s, w, load, time, dt, out, n):
     """Set probe increments out[n] (4,) [m] from w[MOTION], with the effects of the measurement."""
     half_span = 0.5 * m.axial_span
     x = w[at.MOTION] - s[at.ZERO]

@@ -1,7 +1,6 @@
 """Time steps of the ring: BDF2 with Newton on exact tangents, from a state at rest onwards."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,7 @@ MAX_PREDICTION = 5e-6
 
 
 @kernel(**INNER)
-def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) -> Any:
+def rest(m, rows, uniform, s, time, load, w):
     """Set state s to rest under the measured `load`, zero at `time`; False if no equilibrium."""
     for i in range(s.size):
         s[i] = 0.0
@@ -59,7 +58,7 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
 
 
 @kernel(**INNER)
-def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
+def take_zero(m, s, true_load, time, w):
     """Let the probes read zero at the motion at rest under true_load [N] at `time`."""
     laws.series_motion(m, s, w)
     for i in range(3):
@@ -73,7 +72,7 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def predict(m: Any, s: Any, h: Any, c0: Any, c1: Any, c2: Any, friction: Any, w: Any) -> Any:
+def predict(m, s, h, c0, c1, c2, friction, w):
     """Predict the change (3,) from the last state by its stiffness and damping, without forces.
 
     Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
@@ -105,8 +104,7 @@ def predict(m: Any, s: Any, h: Any, c0: Any, c1: Any, c2: Any, friction: Any, w:
 
 
 @kernel(**INNER)
-def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, friction: Any,
-              w: Any) -> Any:
+def keep_step(m, s, h, c0, p, past, q, friction, w):
     """Make the solved step the state, and keep its forces and slopes for `predict`."""
     if friction:
         for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
@@ -124,8 +122,7 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
 
 
 @kernel(**INNER)
-def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
-                  recorder: Any, w: Any) -> Any:
+def implicit_step(m, rows, uniform, s, h, friction, allowed, recorder, w):
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h).
 
     The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
@@ -187,7 +184,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
 
 
 @kernel(**INNER)
-def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
+def step_error(m, s, h, q0, q1, q2):
     """Estimated error [m] of q by one step of h, from the difference to an explicit step.
 
     For smooth motions the explicit step q + h v + h^2 a / 2 differs from BDF2 by 5/12 h^3 d3q/dt3,
@@ -201,7 +198,7 @@ def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
 
 
 @kernel(**INNER)
-def ringing(m: Any, w: Any) -> Any:
+def ringing(m, w):
     """Factor by which the errors of steps add up in a ring that oscillates; 1 with much damping.
 
     The smallest damping ratio of the three directions counts, each direction by itself. Errors add
@@ -220,8 +217,7 @@ def ringing(m: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, friction: Any,
-                 recorder: Any, w: Any) -> Any:
+def careful_step(m, rows, uniform, s, h, load, friction, recorder, w):
     """A step of h to a measured load [N], divided where its error is too large.
 
     The load is linear in between. The first fraction is the fraction at which the last step
@@ -265,8 +261,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
 
 
 @kernel(**INNER)
-def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
-                recorder: Any, w: Any) -> Any:
+def robust_step(m, rows, uniform, s, h, friction, allowed, recorder, w):
     """One implicit step; if Newton fails at a kink, the same step in 4, 16 ... 4096 parts."""
     result = implicit_step(m, rows, uniform, s, h, friction, allowed, recorder, w)
     if result != FAILED:
@@ -289,7 +284,7 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
 
 
 @kernel(**INNER)
-def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
+def take_load(m, s, measured, w):
     """Set the measured load [N] to its next value and advance the friction of the load path."""
     change = measured - s[at.MEASURED_LOAD]
     z_cylinder = z_bracket = 0.0
@@ -303,8 +298,7 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
-           q_out: Any, d_out: Any, recorder: Any, w: Any) -> Any:
+def follow(m, rows, uniform, s, time, load, max_step, q_out, d_out, recorder, w):
     """Advance state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
     The state itself gives a sample that is not later than the state. s[ITERATIONS] counts Newton
@@ -339,22 +333,21 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
 
 
 @kernel(**OUTER)
-def start(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
+def start(models, rows, uniform, s, time, load):
     """`rest` for models (1,): Numba accepts an array in a twentieth of the time of a record."""
     return rest(models[0], rows, uniform, s, time, load, np.zeros(at.WORK_SIZE))
 
 
 @kernel(**OUTER)
-def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
-            q_out: Any, d_out: Any) -> Any:
+def advance(models, rows, uniform, s, time, load, max_step, q_out, d_out):
     """`follow` for models (1,)."""
     follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, None,
            np.zeros(at.WORK_SIZE))
 
 
 @kernel(**OUTER)
-def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
-                 max_step: Any, q_out: Any, d_out: Any, records: Any, grows: Any) -> Any:
+def run_recorded(models, rows, uniform, time, load, zero_load, max_step, q_out, d_out, records,
+                 grows):
     """`run_batch` for models (1,) with records (S, width) of every step, the first at rest.
 
     grows: with the sums of growing damping.
@@ -372,8 +365,7 @@ def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zer
 
 
 @kernel(**OUTER)
-def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
-              max_step: Any, q_out: Any, d_out: Any) -> Any:
+def run_batch(m, rows, uniform, time, load, zero_load, max_step, q_out, d_out):
     """Simulate each of the models m (B,) over one record.
 
     Samples that did not converge are NaN. rows (R, 9 J), uniform (R, 3) with R = B or 1;

@@ -11,7 +11,6 @@ m d2(dq) + D(t) d(dq) + K(t) dq = b dP.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel, OUTER
 
 
 @kernel(fastmath=FAST, **INNER)
-def row_geometry(rows: Any, change: Any, places: Any, each: Any) -> Any:
+def row_geometry(rows, change, places, each):
     """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
     cosines, weights, gaps, count = places
     s0 = s1 = 0.0
@@ -38,8 +37,7 @@ def row_geometry(rows: Any, change: Any, places: Any, each: Any) -> Any:
 
 
 @kernel(**INNER)
-def geometry_of_rows(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: Any, growing: Any,
-                     saturation: Any, each: Any, by: Any) -> Any:
+def geometry_of_rows(m, rows, geometry, moves, q, v, growing, saturation, each, by):
     """`forces_by_geometry` for growing damping, or None, as in `row_sums`."""
     radius, height = m.radius, m.radial_row_height
     motions = contact.row_motions(m, q[0], q[1], q[2], v[0], v[1], v[2])
@@ -64,8 +62,7 @@ def geometry_of_rows(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: An
 
 
 @kernel(**INNER)
-def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: Any, each: Any,
-                       by: Any) -> Any:
+def forces_by_geometry(m, rows, geometry, moves, q, v, each, by):
     """Add to the first columns of by (3, P) the changes by rollers, geometry (G, 9 J).
 
     moves (G, 3): whether a direction changes the upper, the lower and the radial row; each (2, J):
@@ -80,7 +77,7 @@ def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: 
 
 
 @kernel(fastmath=FAST, **INNER)
-def forces_by_law(m: Any, sums: Any, law: Any, by: Any) -> Any:
+def forces_by_law(m, sums, law, by):
     """Add to by (3, P) the change of the ring's forces by changes of the rows' laws (3, LAW, P).
 
     sums (5 L,) of `keep_sums` for the first L parameters of a law. Directions are the
@@ -109,8 +106,7 @@ PLAIN_LAW = 3
 
 
 @kernel(**INNER)
-def forces_of_step(m: Any, rows: Any, uniform: Any, q: Any, v: Any, recorder: Any,
-                   w: Any) -> Any:
+def forces_of_step(m, rows, uniform, q, v, recorder, w):
     """`ring_forces` at motion q and its rate v; with a recorder, tangents as well."""
     if recorder is None:
         ring_forces(m, rows, uniform, q[0], q[1], q[2], v[0], v[1], v[2], w, None, False)
@@ -122,7 +118,7 @@ def forces_of_step(m: Any, rows: Any, uniform: Any, q: Any, v: Any, recorder: An
 
 
 @kernel(**INNER)
-def keep_record(m: Any, recorder: Any, length: Any, load: Any, s: Any, w: Any) -> Any:
+def keep_record(m, recorder, length, load, s, w):
     """Record a solved step; the first number of all counts the steps, also those without room."""
     records, parts, last, _ = recorder
     records[0, 0] += 1.0
@@ -146,7 +142,7 @@ def keep_record(m: Any, recorder: Any, length: Any, load: Any, s: Any, w: Any) -
 
 
 @kernel(**INNER)
-def keep_sums(record: Any, parts: Any, w: Any) -> Any:
+def keep_sums(record, parts, w):
     """Fill a record with matrices and, per parameter of the law, five sums of the three rows."""
     for i in range(5):
         record[STEP + i] = w[at.STIFFNESS + i]
@@ -159,7 +155,7 @@ def keep_sums(record: Any, parts: Any, w: Any) -> Any:
 
 
 @kernel(fastmath=FAST, **INNER)
-def solve_all(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, by: Any, out: Any) -> Any:
+def solve_all(a00, a02, a11, a12, a22, by, out):
     """`equilibrium.solve3` of by (3, P) into the first rows of out; False if indefinite."""
     if not (a00 > 0.0 and a11 > 0.0):
         return False
@@ -177,7 +173,7 @@ def solve_all(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, by: Any, out: An
 
 
 @kernel(fastmath=FAST, **INNER)
-def carry(m: Any, w: Any, c0: Any, c1: Any, c2: Any, own: Any, past: Any, by: Any) -> Any:
+def carry(m, w, c0, c1, c2, own, past, by):
     """Subtract from by (3, P) the contribution of the past states, dq and dv (6, P).
 
     The difference formula is dv = c0 dq + past terms; past (6, P) receives the past terms of dq
@@ -199,7 +195,7 @@ def carry(m: Any, w: Any, c0: Any, c1: Any, c2: Any, own: Any, past: Any, by: An
 
 
 @kernel(**INNER)
-def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
+def hysteron_step(element, z, travel):
     """(sign, decay, slides) of a hysteron with states z (2,) over `travel`, for its tangent."""
     decay = math.exp(-abs(travel) / element.presliding)
     slides = -1.0 < z[1] + travel / element.presliding < 1.0
@@ -207,8 +203,7 @@ def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
 
 
 @kernel(**INNER)
-def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, rubbed: Any, by_travel: Any,
-                     by_presliding: Any) -> Any:
+def hysteron_tangent(element, z, travel, step, rubbed, by_travel, by_presliding):
     """Changes of the two states of `hysteron` by changes of states (2,), travel and presliding."""
     sign, decay, slides = step
     presliding = element.presliding
@@ -219,8 +214,8 @@ def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, rubbed: Any, 
 
 
 @kernel(**OUTER)
-def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
-                    records: Any, time: Any, zero_load: Any, path: Any, out: Any) -> Any:
+def motion_tangents(models, rows, law, external, friction, geometry, records, time, zero_load,
+                    path, out):
     """Fill out (N, 3, P) with changes of a motion path (N, 3) from rest; False on failure.
 
     Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P) or
@@ -246,10 +241,8 @@ def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: A
 
 
 @kernel(**INNER)
-def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
-                    records: Any, time: Any, path: Any, out: Any, rubs: Any, w: Any, states: Any,
-                    rubbed: Any, elements: Any, motion: Any, by: Any, moves: Any,
-                    each: Any) -> Any:
+def follow_tangents(m, rows, law, external, friction, geometry, records, time, path, out, rubs, w,
+                    states, rubbed, elements, motion, by, moves, each):
     """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, motion.
 
     w begins with the load at rest; motion (3, 3): q, v, slopes of friction; moves (G, 3), each
@@ -309,8 +302,7 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
 
 
 @kernel(**INNER)
-def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any, own: Any,
-        by: Any) -> Any:
+def rub(element, changes, i, path, n, z, rubbed, own, by):
     """Subtract from by (3, P) the change of friction i at step n; the slope of the friction.
 
     changes (P, 4): of limit, presliding, sharpness and initial; z (2,): the states of the
@@ -334,8 +326,7 @@ def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: A
 
 
 @kernel(**INNER)
-def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
-                 own: Any, new: Any) -> Any:
+def keep_rubbing(element, changes, i, path, n, z, rubbed, own, new):
     """Advance the states of friction i and their changes over step n; arguments as in `rub`."""
     travel = path[n, i] - path[n - 1, i]
     step = hysteron_step(element, z, travel)
@@ -346,7 +337,7 @@ def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
 
 
 @kernel(**OUTER)
-def static_tangents(models: Any, rows: Any, uniform: Any, law: Any, path: Any, out: Any) -> Any:
+def static_tangents(models, rows, uniform, law, path, out):
     """Fill out (N, 3, P) with changes of equilibria path (N, 3) by law (3, LAW, P)."""
     m = models[0]
     parts, w, record = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros(LAWS + 5 * PLAIN_LAW)
@@ -369,8 +360,7 @@ DIED_AWAY = 1e-17
 
 
 @kernel(**OUTER)
-def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
-                  sensitivity: Any) -> Any:
+def follow_errors(models, rows, uniform, q, v, h, force, sensitivity):
     """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s].
 
     The response to a past error decays within some steps, so that few are followed at a time.
