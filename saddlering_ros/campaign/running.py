@@ -167,16 +167,15 @@ class Slot:
             self._worker = Worker('saddlering_ros.campaign.task', ONE_THREAD)
         end = time.monotonic() + task.seconds
         try:
-            outcome = self._worker.run(task, lambda progress: None,
-                                       lambda: self._stopped or time.monotonic() > end)
+            kind, answer = self._worker.run(
+                task, lambda progress: None, lambda: self._stopped or time.monotonic() > end)
         except Cancelled:
             if self._stopped:
                 raise CampaignInterruptedError('the campaign was stopped') from None
             return failure('timeout', f'no verdict within {task.seconds:g} s: give a '
                                       'larger --time-limit, and --retry')
-        if outcome.kind != DONE:
-            return failure('killed', f'{outcome.words}: run the campaign with --retry')
-        answer: dict[str, Any] = outcome.answer
+        if kind != DONE:
+            return failure('killed', f'{answer}: run the campaign with --retry')
         if answer.get('kind') == 'memory':
             self._worker.kill()  # what is left of its memory is in pieces
         return answer

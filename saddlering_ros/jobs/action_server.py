@@ -183,40 +183,40 @@ class ActionNode(Node):
             outcome = self._worker.run(self.request(goal_handle.request), on_progress,
                                        lambda: bool(reason_to_stop()))
         except Cancelled:
-            outcome = Outcome(CANCELED, None, reason_to_stop())
+            outcome = CANCELED, reason_to_stop()
         except SaddleringError as problem:
-            outcome = Outcome(REFUSED, None, str(problem))
+            outcome = REFUSED, str(problem)
         except Exception as problem:
-            outcome = Outcome(FAILED, None, f'{type(problem).__name__}: {problem}')
+            outcome = FAILED, f'{type(problem).__name__}: {problem}'
         future.set_result(outcome)
         self._done.trigger()
         if not self.done:
             self._worker.start()
 
     def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
-        result.message = outcome.words
-        self._level = OK
-        if outcome.kind == DONE:
-            self.fill(result, outcome.answer)
-            result.status, result.message = result.SUCCEEDED, outcome.answer.words
+        self._level, (kind, answer) = OK, outcome
+        result.message = answer.words if kind == DONE else answer
+        if kind == DONE:
+            self.fill(result, answer)
+            result.status = result.SUCCEEDED
             goal_handle.succeed()
-            if (law := outcome.answer.parameters) is not None:
+            if (law := answer.parameters) is not None:
                 # The newest offer counts, and the clock of a replay begins again with its bag.
                 result.parameters = parameters_to_message(law, to_time(time.time_ns()))
-                if outcome.answer.offered:
+                if answer.offered:
                     self._found.publish(result.parameters)
                 else:
                     self.get_logger().warning(
                         'the parameters are not offered to simulators, because the data do not '
                         f'determine {", ".join(law.source.undetermined)}')
-        elif outcome.kind == CANCELED and goal_handle.is_cancel_requested:
+        elif kind == CANCELED and goal_handle.is_cancel_requested:
             result.status = result.CANCELED
             goal_handle.canceled()
         else:
-            result.status = result.REFUSED if outcome.kind == REFUSED else result.FAILED
-            self._level = OK if outcome.kind == REFUSED else ERROR
+            result.status = result.REFUSED if kind == REFUSED else result.FAILED
+            self._level = OK if kind == REFUSED else ERROR
             goal_handle.abort()
-        self._last = f'{outcome.kind}: {result.message}'
+        self._last = f'{kind}: {result.message}'
         self.get_logger().info(f'goal {self._last}')
 
     def _diagnose(self) -> None:

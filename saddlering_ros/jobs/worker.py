@@ -9,7 +9,6 @@ could carry code, come from our own code alone.
 
 from collections.abc import Mapping
 import contextlib
-from dataclasses import dataclass
 import importlib
 from multiprocessing.connection import Connection, Pipe
 import os
@@ -29,15 +28,8 @@ NICENESS = 5
 """The nodes that follow the rig go first."""
 
 DONE, REFUSED, FAILED, CANCELED = 'done', 'refused', 'failed', 'canceled'
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with a reason."""
-
-    kind: str
-    answer: Any = None
-    words: str = ''
+Outcome = tuple[str, Any]
+"""How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with a reason."""
 
 
 class Worker:
@@ -83,14 +75,13 @@ class Worker:
                 if self._pipe.poll(POLL):
                     kind, value = self._pipe.recv()
                     if kind != 'progress':
-                        return Outcome(kind, value) if kind == DONE else Outcome(kind, None, value)
+                        return kind, value
                     on_progress(value)
                 if is_cancelled():
                     self.kill()
                     raise Cancelled
         except (EOFError, OSError):
-            status = self.kill()
-            return Outcome(FAILED, None, f'the worker process ended with status {status}')
+            return FAILED, f'the worker process ended with status {self.kill()}'
 
     def kill(self) -> int:
         """End the process at once; its exit status."""

@@ -16,7 +16,7 @@ from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.jobs.action_server import ActionNode
 from saddlering_ros.jobs.requests import Answer
-from saddlering_ros.jobs.worker import DONE, FAILED, Outcome, REFUSED
+from saddlering_ros.jobs.worker import DONE, FAILED, REFUSED
 from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
@@ -152,7 +152,7 @@ def test_a_goal_that_cannot_be_used_is_no_fault_of_the_server() -> None:
         server: Any = SimpleNamespace(get_logger=lambda: quiet)
         goal: Any = SimpleNamespace(abort=lambda: None)
         result = IdentifyRing.Result()
-        ActionNode._end(server, goal, Outcome(kind, None, 'why'), result)
+        ActionNode._end(server, goal, (kind, 'why'), result)
         assert (server._level, result.message) == (level, 'why')
         assert result.status == getattr(result, kind.upper())
 
@@ -166,7 +166,7 @@ def test_found_parameters_have_the_time_of_the_machine_beside_a_replay_too() -> 
         fill=lambda result, answer: None, _found=SimpleNamespace(publish=offered.append))
     goal: Any = SimpleNamespace(succeed=lambda: None)
     law = ParameterSet(TRUE_TO_SCALE, source=ParameterSource(method='default'))
-    ActionNode._end(server, goal, Outcome(DONE, Answer('found', law, {})), IdentifyRing.Result())
+    ActionNode._end(server, goal, (DONE, Answer('found', law, {})), IdentifyRing.Result())
     assert abs(to_stamp(offered[0].header.stamp) - time.time_ns()) < 60 * SECOND
 
 
