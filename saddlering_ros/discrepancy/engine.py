@@ -72,8 +72,8 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')
     taken = answer.taken if published.causes else float(bool(steady))  # A steady line's is whole.
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
-    is_sound = not _left_in(search.space, search.space.base, answer.before)
-    nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
+    nothing = None if _left_in(search.space, search.space.base, answer.before) else float(
+        np.mean([refit.first is None for refit in refits]))
     return results.Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -194,11 +194,7 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
 def _causes_of(
     answer: Answer, steady: Sequence[results.Cause], *, is_partial: bool,
 ) -> list[results.Cause]:
-    """Published causes with other places of established ones, and steady lines.
-
-    The largest comes first, of established ones as far as their sizes are sure: two waves of
-    raceways of 1.6 +- 0.6 um stood before a bent load cell with a third more power.
-    """
+    """Published causes with other places, and steady lines: first the largest, as far as sure."""
     space, fit = answer.search.space, answer.search.fit
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
               if answer.verdict in ('named', 'ambiguous')}
@@ -262,8 +258,7 @@ def _leaving_less(
     if (space.problem.assumptions.exact_laws or not published.causes
             or not after.slow.is_real_and_material(space.settings)):
         return fit, after
-    seen = _seen_in(space, published.fits.after)
-    residual = _residual_of(space, seen)
+    residual = _residual_of(space, seen := _seen_in(space, published.fits.after))
     leaves_less = residual.slow.visible < MUCH_LESS * after.slow.visible
     return (seen, residual) if leaves_less else (fit, after)
 

@@ -124,9 +124,8 @@ class Run:
                     raise DiscrepancyError(f'run {self.name}: {kind} {name} has shape '
                                            f'{array.shape}, time {time.shape}')
                 if kind == 'coordinates' and not np.all(np.isfinite(array)):
-                    raise DiscrepancyError(
-                        f'run {self.name}: coordinate {name} has a value that is not a number: '
-                        'leave its sample out')
+                    raise DiscrepancyError(f'run {self.name}: coordinate {name} has a value that '
+                                           'is not a number: leave its sample out')
             object.__setattr__(self, kind, arrays)
 
 
@@ -200,8 +199,7 @@ class Model:
                 if absent is None:
                     absent = 0.0 if number == 0 else parameter.from_unit(parameter.first_guess)
                 values[f'{key}.{parameter.name}'] = absent
-            for name, value in effect.variants[0].items():
-                values[f'{key}.{name}'] = value
+            values.update({f'{key}.{name}': value for name, value in effect.variants[0].items()})
         return values
 
 

@@ -36,13 +36,6 @@ class SizeEntry(TypedDict):
     unit: str
 
 
-class EvidenceEntry(TypedDict):
-    """Evidence for a cause."""
-
-    p_value: float | None
-    delta_bic: float | None
-
-
 class ReductionEntry(TypedDict):
     """Shares by which the misfit falls; held_out None without held-out runs."""
 
@@ -82,7 +75,7 @@ class CauseEntry(_CausePartial):
     effect: str
     group: list[str]
     parameters: dict[str, SizeEntry]
-    evidence: EvidenceEntry
+    evidence: dict[str, float | None]
     gain: ReductionEntry
 
 
