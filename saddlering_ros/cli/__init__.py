@@ -1,8 +1,9 @@
-"""The `saddlering` command: its subcommands in modules, found by walking this folder.
+"""The `saddlering` command: a module for each subcommand, found by walking this folder.
 
-Commands that do the same share one. It has COMMANDS and `run(args) -> int`, imports nothing heavy
-before `run`, and raises SaddleringError for each error that its user can correct. The type of an
-argument declares the role of a path (`_arguments.Role`) and the range of a number (`Within`).
+Commands that do the same to other curves share one. A subcommand's module has COMMANDS and
+`run(args) -> int`, imports nothing heavy before `run`, and raises SaddleringError for each error
+that its user can correct. The type of an argument declares the role of a path
+(`_arguments.Role`) and the range of a number (`Within`).
 """
 
 import signal

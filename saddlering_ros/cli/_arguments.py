@@ -22,7 +22,7 @@ from saddlering_ros.files import FileConflict
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from saddlering_ros import Rig
+    from saddlering_ros import Bag, Rig
     from saddlering_ros.progress import Progress
     from saddlering_ros.record.record import Record
     from saddlering_ros.rig import ParameterSet
@@ -288,8 +288,18 @@ def take_effects(args: argparse.Namespace) -> None:
     """Take the user's own effects into the catalogue, if a folder is given."""
     from saddlering_ros.effects import use_folder
 
-    if getattr(args, 'effects', None) is not None:
+    if args.effects is not None:
         use_folder(args.effects)
+
+
+def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
+    """The bags at these paths, read once, with the metadata of the options."""
+    from saddlering_ros import read_bag
+
+    with Bar() as bar:
+        return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
+                         on_progress=bar.tell)
+                for path in paths]
 
 
 def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
@@ -355,6 +365,35 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
         return True
     files.write_text(args.json, document + '\n')
     return False
+
+
+def finish(args: argparse.Namespace, result: Any) -> int:
+    """Print a result as JSON or as summary, then write and list its files; the status.
+
+    It is told first, so that it is not lost if a file cannot be written.
+    """
+    is_json_alone, reader_gone = args.json == '-', None
+    try:
+        if is_json_alone:
+            tell_json(args, result.to_json())
+        else:
+            print(result.summary(), flush=True)
+    except BrokenPipeError as problem:  # as with `| head`: the files are wanted all the same
+        reader_gone = problem
+    if args.json is not None and not is_json_alone:
+        tell_json(args, result.to_json())
+    plots, out = (getattr(args, name, None) for name in ('plots', 'out'))
+    written = [] if plots is None else result.save_plots(plots)
+    if out is not None:
+        result.save_parameters(out)
+        written.append(out)
+    if args.report is not None:
+        written += result.write_report(args.report, command=args.command_line)
+    if reader_gone is not None:
+        raise reader_gone
+    for path in [] if is_json_alone else written:
+        print(f'written: {path}')
+    return 0
 
 
 class Bar:

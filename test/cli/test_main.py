@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from saddlering_ros.cli import main as command
-from saddlering_ros.cli.results import finish
+from saddlering_ros.cli._arguments import finish
 from saddlering_ros.errors import SaddleringError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,0 +1,72 @@
+"""`saddlering record`: the topics of the rig and of the nodes, recorded as a bag."""
+
+import argparse
+import atexit
+import math
+import signal
+import sys
+import time
+
+from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option, tell_json, Within
+from saddlering_ros.errors import BagError
+
+COMMANDS = (Command(
+    'record', 'record the rig and the live results into a bag',
+    'Record load, probes, displacement, simulation, residual, parameters in force and diagnostics '
+    'as a rosbag2 bag (MCAP with its message definitions inside, so that PlotJuggler, Foxglove '
+    'and ros2 bag read it without this package), until Ctrl-C or for --duration.', (
+        option('out', 'bag to write', type=arguments.bag_written, metavar='OUT'),
+        option('--test', 'kind of test, kept in the bag (with --elevation, the bag can be '
+               'identified and diagnosed)', choices=('static', 'dynamic')),
+        option('--elevation', 'elevation of the barrel in degrees, kept in the bag',
+               type=Within(float, -10.0, 90.0), metavar='DEG'),
+        option('--rig', 'rig file, whose hash the bag then states (default: that of '
+               'SADDLERING_RIG, or the rig of the nodes that run meanwhile)',
+               type=arguments.file_read),
+        option('--duration', 'end after this time [s]',
+               type=Within(float, 1e-3, 1e6, ' seconds'), metavar='S'),
+        *arguments.NETWORK, arguments.OVERWRITE, arguments.json_option()), (
+        ('saddlering record test_17 --test static --elevation 50',
+         'a test on the rig that can be identified and diagnosed'),)),)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until a signal ends it, which is how a recording ends: status 0."""
+    from saddlering_ros.live.recorder import recording
+    from saddlering_ros.record.record import TestMetadata
+    from saddlering_ros.rig import load_rig
+    from saddlering_ros.ros.launcher import prepare_middleware
+    from saddlering_ros.ros.names import namespace_of
+
+    if (args.test is None) != (args.elevation is None):
+        raise BagError('--test and --elevation belong together: give both, or neither')
+    facts = {} if args.rig is None else {'rig_hash': load_rig(args.rig).digest}
+    if args.test is not None:
+        facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
+    domain = arguments.domain_of(args)
+    prepare_middleware()
+    # No Event: its handler would wait for ever for a lock that the same thread holds.
+    told_to_end: list[int] = []
+    for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
+        number = getattr(signal, name)
+        signal.signal(number, lambda number, _: told_to_end.append(number))
+        # At its end the interpreter restores the default, by which a repeated signal kills.
+        atexit.register(signal.signal, number, signal.SIG_IGN)
+    began = time.monotonic()
+    with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
+                   namespace=namespace_of(args.namespace)) as node:
+        if args.json != '-':
+            print(f'recording ROS domain {domain} into {args.out}; Ctrl-C ends it', flush=True)
+        end = began + (args.duration or math.inf)
+        while not (node.done or told_to_end or time.monotonic() >= end):
+            time.sleep(0.05)
+        contradiction = node.settle_rig()
+    if contradiction:
+        print(f'note: {contradiction}', file=sys.stderr)
+    seconds, counts = time.monotonic() - began, node.counts()
+    if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
+        print(f'{args.out}: {sum(counts.values())} messages in {seconds:.1f} s')
+    if not any(counts.values()):
+        print(f'note: no message was received in ROS domain {domain}', file=sys.stderr)
+    return 0
