@@ -18,7 +18,8 @@ from pathlib import Path
 from mcap.reader import SeekingReader
 
 from saddlering_ros.bags import folder as bags
-from saddlering_ros.errors import BagError, plain_number, SaddleringError
+from saddlering_ros.campaign.store import CampaignError
+from saddlering_ros.errors import BagError, plain_number
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.plain_yaml import read_regular_text
 from saddlering_ros.record.record import METADATA_RECORD
@@ -36,14 +37,6 @@ CORRECTED = b'corrected'
 
 MAX_MANIFEST = 64 << 20
 """Size of the largest manifest that is read [bytes]."""
-
-
-class CampaignError(SaddleringError):
-    """A folder, a manifest or a store that a campaign cannot use."""
-
-
-class CampaignInterruptedError(CampaignError):
-    """The executor is gone or was stopped; computed results are in the store."""
 
 
 @dataclass(frozen=True)

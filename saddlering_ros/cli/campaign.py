@@ -53,11 +53,10 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet; or show the status of a store."""
-    from saddlering_ros.campaign import running, sessions, task
-    from saddlering_ros.campaign.sessions import CampaignError
+    from saddlering_ros.campaign.store import CampaignError, Store
 
     if str(args.folder) == 'status' and args.store is not None:
-        status = running.Store(args.store).read_status()
+        status = Store(args.store).read_status()
         state = 'running' if status.running else 'finished' if status.done == status.total else (
             'stopped: repeat the command to continue')
         if status.running and time.time() - status.updated > STALE:
@@ -65,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'{status}; {state}')
         return 0
 
+    from saddlering_ros.campaign import running, sessions, task
     from saddlering_ros.campaign.tables import write_fleet, write_tables
     from saddlering_ros.fleet.attention import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
               f'{sum(len(one.bags) for one in grouped)} bags')
     if args.plan:
         return 0
-    store = running.Store(args.out)
+    store = Store(args.out)
     store.prepare()
     sessions.write_manifest(store.folder, grouped, args.manifest)
     tasks = task.tasks_of(

@@ -8,8 +8,8 @@ import re
 from campaign_stubs import verdict_document
 import pytest
 
-from saddlering_ros.campaign.running import Store
 from saddlering_ros.campaign.sessions import find_bags, group_sessions
+from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.task import tasks_of
 from saddlering_ros.cli.main import main
 

@@ -14,14 +14,8 @@ import time
 from campaign_stubs import marks, tasks, write_bag
 import pytest
 
-from saddlering_ros.campaign.running import (
-    _warning,
-    CampaignError,
-    CampaignInterruptedError,
-    dask_workers,
-    run_campaign,
-    Store,
-)
+from saddlering_ros.campaign.running import _warning, dask_workers, run_campaign
+from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 
 # Not imported to find out: it takes a second of each process that collects tests.
 pytestmark = pytest.mark.skipif(find_spec('distributed') is None, reason='needs distributed')

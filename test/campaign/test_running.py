@@ -16,15 +16,8 @@ from campaign_stubs import marks, tasks, write_bag
 import pyarrow.parquet
 import pytest
 
-from saddlering_ros.campaign.running import (
-    CampaignError,
-    CampaignInterruptedError,
-    document_of,
-    local_workers,
-    run_campaign,
-    Store,
-    Workers,
-)
+from saddlering_ros.campaign.running import document_of, local_workers, run_campaign, Workers
+from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 from saddlering_ros.campaign.tables import write_tables
 from saddlering_ros.campaign.task import session_verdict
 from saddlering_ros.errors import ReportError
@@ -151,7 +144,7 @@ def test_a_client_killed_at_any_moment_loses_and_repeats_nothing(works, tmp_path
     store = Store(tmp_path / 'store')
     script = (f'import sys; sys.path.insert(0, {str(HERE)!r})\n'
               'from pathlib import Path\nfrom test_running import run\n'
-              'from saddlering_ros.campaign.running import Store\n'
+              'from saddlering_ros.campaign.store import Store\n'
               'run(Path(sys.argv[1]), Store(Path(sys.argv[2])), "slowly")')
     for moment in (2, 5):
         process = subprocess.Popen([sys.executable, '-c', script, works, store.folder])

@@ -9,13 +9,13 @@ from campaign_stubs import write_bag
 import pytest
 
 from saddlering_ros.bags import folder
-from saddlering_ros.campaign.running import CampaignError
 from saddlering_ros.campaign.sessions import (
     find_bags,
     group_sessions,
     read_manifest,
     write_manifest,
 )
+from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.campaign.task import change_since, session_verdict, tasks_of
 from saddlering_ros.plain_yaml import parse_yaml
 from saddlering_ros.rig import default_rig
