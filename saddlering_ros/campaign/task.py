@@ -28,6 +28,9 @@ BASE = 'base'
 VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""
 
+SECONDS, MEMORY = 1800.0, 6 << 30
+"""Usual limits of a session: wall time [s] and address space [bytes]."""
+
 
 @dataclass(frozen=True)
 class TaskBag:
@@ -65,8 +68,8 @@ class SessionTask:
     problem: str = ''
     attempt: int = 0
     program: Mapping[str, str] = field(default_factory=dict)
-    seconds: float = 1800.0
-    memory: int = 6 << 30
+    seconds: float = SECONDS
+    memory: int = MEMORY
 
     @property
     def seed(self) -> int:
@@ -78,12 +81,9 @@ class SessionTask:
 
 def tasks_of(
     sessions: Sequence[Session], rig: Path | None = None, *, compute: str = VERDICT,
-    reports: Path | None = None, **limits: Any,
+    reports: Path | None = None, seconds: float = SECONDS, memory: int = MEMORY,
 ) -> list[SessionTask]:
-    """A task a session; sessions of the same recordings, rig and settings have the same key.
-
-    limits: `seconds` and `memory` of each.
-    """
+    """A task a session; sessions of the same recordings, rig and settings have the same key."""
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
     effects, program = _own_effects(), versions_in_use()
     tasks: dict[str, SessionTask] = {}
@@ -103,7 +103,7 @@ def tasks_of(
             key, session.name, session.ring, session.bench, session.time, session.service_hours,
             session.maintenance, bags, '' if rig is None else str(rig.resolve()), rig_sha256,
             effects, compute, '' if reports is None else str(reports.resolve()), session.problem,
-            program=program, **limits))
+            program=program, seconds=seconds, memory=memory))
     return list(tasks.values())
 
 
