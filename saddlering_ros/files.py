@@ -105,7 +105,7 @@ def resolved(path: Path) -> Path:
         return Path(os.path.abspath(path))
 
 
-_AT_FDCWD, _EXCHANGE = -100, 2
+_AT_FDCWD, _NO_REPLACE, _EXCHANGE = -100, 1, 2
 
 RANDOM_LETTERS = 8
 """By which the names of temporary files differ (tempfile.mkstemp)."""
@@ -237,22 +237,34 @@ def settle(path: Path) -> None:
         os.close(handle)
 
 
+def _renamed(new: Path, place: Path, flag: int) -> bool:
+    """Rename by a flag of renameat2 (Linux 3.15); whether kernel and file system can do it."""
+    with suppress(AttributeError):
+        library = ctypes.CDLL(None, use_errno=True)
+        if not library.renameat2(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(place), flag):
+            return True
+        code = ctypes.get_errno()
+        if flag == _NO_REPLACE and code not in (errno.EINVAL, errno.ENOSYS):
+            raise OSError(code, os.strerror(code), str(place))
+    return False
+
+
 def rename_without_replacing(new: Path, place: Path) -> None:
-    """Move a folder to `place` on the same disk; FileExistsError if something is there by now."""
-    place.mkdir()  # only one can make it, and an empty folder gives way to a renamed one
+    """Move a path to `place` on the same disk; FileExistsError if something is there by now."""
+    if _renamed(new, place, _NO_REPLACE):
+        return
+    if os.path.lexists(place):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(place))
     new.rename(place)
 
 
 def exchange(new: Path, old: Path) -> None:
     """Let two paths on one disk change places, at one go where the kernel can."""
-    with suppress(AttributeError):  # renameat2 came with Linux 3.15
-        if not ctypes.CDLL(None).renameat2(
-                _AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(old), _EXCHANGE):
-            return
-    aside = new.with_name(f'{new.name}.replaced')
-    old.rename(aside)
-    new.rename(old)
-    aside.rename(new)
+    if not _renamed(new, old, _EXCHANGE):
+        aside = new.with_name(f'{new.name}.replaced')
+        old.rename(aside)
+        new.rename(old)
+        aside.rename(new)
 
 
 COMPUTING = ('numpy', 'scipy', 'numba', 'llvmlite')

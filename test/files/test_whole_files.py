@@ -12,7 +12,13 @@ import pytest
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.errors import BagError, SaddleringError
-from saddlering_ros.files import exchange, temporary_folder, whole_file, write_text
+from saddlering_ros.files import (
+    exchange,
+    rename_without_replacing,
+    temporary_folder,
+    whole_file,
+    write_text,
+)
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import default_rig
 
@@ -166,6 +172,13 @@ def test_two_folders_change_places(tmp_path, monkeypatch, by_kernel):
     assert os.listdir(other) == ['one']
     assert os.listdir(one) == ['other']
     assert sorted(os.listdir(tmp_path)) == ['one', 'other']
+
+
+def test_a_move_that_fails_leaves_nothing_at_its_place(tmp_path: Path) -> None:
+    """An empty folder was made first: a bag whose move was interrupted looked as if it existed."""
+    with pytest.raises(FileNotFoundError):
+        rename_without_replacing(tmp_path / 'gone', tmp_path / 'bag')
+    assert not (tmp_path / 'bag').exists()
 
 
 RECORD = """
