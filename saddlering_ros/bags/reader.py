@@ -34,9 +34,9 @@ def read_raw(
 ) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
-    topics: None for all of the rig. An optional topic that is missing or unreadable is left out,
-    the latter with a note. The opposite probe stands for one that is absent from the `rig` (None:
-    it has all). Readings are not judged (NaN stays NaN). BagError if stamps go back.
+    topics: None for all of the rig. An optional topic that is missing, empty or unreadable is left
+    out, the last with a note. The opposite probe stands for one that is absent from the `rig`
+    (None: it has all). Readings are not judged (NaN stays NaN). BagError if stamps go back.
     """
     wanted = tuple(TOPICS if topics is None else topics)
     unknown = set(wanted) - set(TOPICS)
@@ -64,7 +64,8 @@ def _completed(
     if rig is not None and absent in wanted:
         read[absent] = readings.mirrored_topic(rig, read)
     for name in wanted:
-        if name in scanned.topics and not TOPICS[name].required:
+        topic = None if TOPICS[name].required else scanned.topics.get(name)
+        if topic and (topic.count or topic.fault or topic.types != {TOPICS[name].type}):
             try:
                 read[name] = raw_topic(scanned, name)
             except BagError as fault:

@@ -65,10 +65,12 @@ def test_replay_and_recorder_know_it(bag: Path) -> None:
     assert list(read_raw(bag, topics_of('hydraulic_load'))) == ['/rig/hydraulic_load', CELL.name]
 
 
-def test_a_bag_without_an_optional_topic_is_whole(tmp_path: Path, recording) -> None:
-    run = read_run(recording.write(tmp_path / 'bag'))
-    assert run.others == {}
-    assert run.notes == []
+def test_a_bag_without_an_optional_topic_is_whole(tmp_path: Path, recording, stamps) -> None:
+    none = {ELEVATION.name: (stamps[:0], np.zeros(0))}  # as `saddlering record` keeps its channel
+    for others in ({}, none):
+        run = read_run(recording.write(tmp_path / f'bag{len(others)}', others=others))
+        assert run.others == {}
+        assert run.notes == []
 
 
 def test_an_inclinometer_that_contradicts_the_stated_elevation_is_an_error(
