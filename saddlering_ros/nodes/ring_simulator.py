@@ -276,11 +276,13 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         if abs(gave) > rig_state.MOVED:
             return TaskStatus(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, '
                               'and is followed: see to the elevating gear', figures)
+        words = f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
+        if self._watch.doubt:
+            return TaskStatus(WARN, f'{self._watch.doubt} (simulated: {words})', figures)
         if self._elevation_source == 'assumed':
             return TaskStatus(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: '
                               'give elevation_deg', figures)
-        return TaskStatus(OK, f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}',
-                          figures)
+        return TaskStatus(OK, words, figures)
 
     def _zero_status(self) -> TaskStatus:
         stream = self._stream

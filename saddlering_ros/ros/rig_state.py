@@ -48,7 +48,7 @@ class ElevationWatch:
     def __init__(self, node: Node, on_news: Callable[[], None] = lambda: None) -> None:
         self.of_bag = self.measured = math.nan
         self.recording = ANY_TIME
-        self.impossible = 0
+        self.doubt = ''  # about the newest reading of the inclinometer, in words
         self._on_news = on_news
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
         node.create_subscription(Vector3Stamped, ELEVATION.relative, lambda message:
@@ -86,8 +86,10 @@ class ElevationWatch:
 
     def _on_measured(self, value: float) -> None:
         if not LOWEST_ELEVATION <= math.degrees(value) <= HIGHEST_ELEVATION:
-            self.impossible += 1
+            self.doubt = (f'the inclinometer reads {value:g} rad, which no barrel has: '
+                          'publish radians')
             return
+        self.doubt = ''
         if math.isnan(self.measured) or abs(value - self.measured) > FOLLOWED:
             self.measured = value
             self._on_news()

@@ -15,8 +15,8 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.record import TestMetadata
-from saddlering_ros.record.residual import ResidualStream
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
+from saddlering_ros.record.residual import ResidualStream, SimulationStream
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import LATCHED
 
@@ -78,7 +78,7 @@ def latched(domain: int) -> RingParameters:
 
 
 @pytest.mark.ros
-def test_a_simulator_whose_configuration_failed_outlives_news_of_the_elevation() -> None:
+def test_a_simulator_without_a_configuration_outlives_news_and_warns_of_degrees() -> None:
     rclpy.init(args=['', '--ros-args', '-p', 'bag:=/nowhere'])
     node = RingSimulatorNode()
     try:
@@ -86,6 +86,14 @@ def test_a_simulator_whose_configuration_failed_outlives_news_of_the_elevation()
         assert 'nowhere' in str(node.problem)
         node._watch._on_state(ReplayState(elevation=math.radians(70.0)))
         assert node._watch.of_bag == pytest.approx(math.radians(70.0))
+        node._watch._on_measured(30.0)  # degrees: the last elevation counts, with a warning
+        node._elevation = node._watch.of_bag
+        node._stream = SimulationStream(
+            default_rig(), ParameterSet(TRUE_TO_SCALE), node._elevation)
+        assert node._elevation_status().level == 1
+        assert 'reads 30 rad' in node._elevation_status().words
+        node._watch._on_measured(math.radians(70.0))
+        assert node._elevation_status().level == 0
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
