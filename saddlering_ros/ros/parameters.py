@@ -229,19 +229,30 @@ def strict_arguments(arguments: Sequence[str]) -> list[str]:
     rclpy leaves out words that are none of its own. Of a parameter file it lets the last of two
     equal keys win, reads 0110 as 72, and never returns from a pipe.
     """
-    words = [_with_certificates(word) if option == '--params-file' else word
+    words = [_as_ros_reads(word) if option == '--params-file' else word
              for option, word in pairwise(['', *arguments])]
     for word in remove_ros_args(['', *words])[1:]:
         raise NodeError(f'{word} is not read: give --ros-args -p NAME:=VALUE')
     return words
 
 
-def _with_certificates(file: str) -> str:
-    """A parameter file, or a copy in memory with the uncertainties that its certificates state.
+def _with_equal_numbers(section: Any) -> bool:
+    """Make the numbers of a list floats in each list that has floats; whether there was one."""
+    is_changed = False
+    for name, value in section.items() if isinstance(section, dict) else ():
+        if isinstance(value, list) and {type(one) for one in value} == {int, float}:
+            section[name], is_changed = [float(one) for one in value], True
+        is_changed |= _with_equal_numbers(value)
+    return is_changed
 
-    ROS has no lists of sections, and a node does not know the folder of the file.
+
+def _as_ros_reads(file: str) -> str:
+    """A parameter file, or a copy in memory of what commands read in it and ROS does not.
+
+    ROS has no lists of sections and none like [1, 1.5]; a node does not know the file's folder.
     """
-    document, is_copy = read_strict_yaml(file, NodeError), False
+    document = read_strict_yaml(file, NodeError)
+    is_copy = _with_equal_numbers(document)
     for entry in document.values() if isinstance(document, Mapping) else ():
         given = entry.get('ros__parameters') if isinstance(entry, Mapping) else None
         if not isinstance(given, dict):

@@ -285,10 +285,12 @@ NAMES = {'__ns': '-r __ns:=/NAME with letters, digits and _, and no digit first'
 
 def refusal_words(words: str) -> str:
     """A refusal of rcl with what to type, and without places in its source; others unchanged."""
-    refused = re.search(r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error", words)
+    refused = re.search(
+        r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error: (.*?)(?:, at |$)", words)
     if refused is not None and refused[1] in FORMS:
         name = refused[2].removeprefix('-r ').partition(':=')[0]
-        return (f'{refused[1]} {refused[2]!r} is of no use: give '
+        why = f' ({refused[3]})' if refused[1] == 'params file' else ''
+        return (f'{refused[1]} {refused[2]!r} is of no use{why}: give '
                 f'{NAMES.get(name, FORMS[refused[1]])}')
     return re.sub(r', at /\S+', '', words)
 

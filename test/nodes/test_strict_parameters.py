@@ -76,7 +76,9 @@ NOT_READ: list[tuple[list[str], str]] = [
     ([ROS_ARGS, '-p', 'frame_id:=/map'], "frame_id is '/map': give the name of a frame"),
     ([ROS_ARGS, '-p', 'max_gap'], "rule '-p max_gap' is of no use: give -p NAME:=VALUE"),
     ([ROS_ARGS, '--log-level', 'loud'], "'--log-level loud' is of no use: give --log-level debug"),
-    ([ROS_ARGS, '--params-file', 'flat.yaml'], 'of no use: give --params-file FILE, and in it'),
+    ([ROS_ARGS, '--params-file', 'flat.yaml'],
+     'of no use (Cannot have a value before ros__parameters at line 1): give --params-file FILE'),
+    ([ROS_ARGS, '--params-file', 'lists.yaml', '-p', 'frame:=a'], 'did you mean frame_id?'),
     ([ROS_ARGS, '-p', 'needed_nodes:=[]', '-p', 'frame:=a'], 'did you mean frame_id?')]
 
 
@@ -84,6 +86,7 @@ def test_a_command_line_that_is_not_understood_is_refused_with_what_to_type(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path('flat.yaml').write_text('max_gap: 3.0\n')
+    Path('lists.yaml').write_text('/**: {ros__parameters: {bounds: {n1: [1, 1.5]}}}\n')
     ended = endings([('ring_residual', words) for words, _ in NOT_READ])
     for (words, wanted), (status, said) in zip(NOT_READ, ended, strict=True):
         line = said.strip().splitlines()[-1]
