@@ -74,6 +74,7 @@ class RingAlarmNode(streaming_node.StreamingNode):
 
     def configure(self) -> None:
         """Make the monitor and its diagnostics; an earlier alarm is cleared."""
+        self._sight = stream.Sight()
         self._make()
         self._streams = [diagnostics.StreamTask(topic)
                          for topic in (f'/{names.RESIDUAL}', LOAD_TOPIC)]

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
@@ -14,7 +15,8 @@ from rosnet import ACTIVATE, Client, client, DEACTIVATE, Driver, lead, wait_unti
 from std_msgs.msg import Bool
 
 from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingExpected
-from saddlering_ros.rig import default_rig
+from saddlering_ros.nodes.ring_alarm import RingAlarmNode
+from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
 
 pytestmark = pytest.mark.ros
@@ -51,6 +53,24 @@ class RestingRig:
 def rig_fixture(heard: Client) -> Iterator[RestingRig]:
     with contextlib.closing(RestingRig(heard)) as one:
         yield one
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_node_made_anew_in_the_stream_is_within_limits_from_its_first_sample_on() -> None:
+    rclpy.init(args=[''])
+    node = RingAlarmNode()
+    try:
+        now, stamps = time.monotonic(), np.array([1])
+        node._sight.hear_load(stamps, now)
+        node._sight.hear_residual(stamps, np.zeros((3, 1)), now)
+        node.configure()  # again, as quickly as ros2 lifecycle can
+        node._stream.use(TRUE_TO_SCALE)
+        node.active = True
+        node._tell_state()
+        assert (node._state(), node._within_limits()) == (RingAlarm.WAITING, False)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limits(
