@@ -19,8 +19,7 @@ from saddlering_ros.quantities import first_of
 from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
-from saddlering_ros.rig import Rig, short_digest
-from saddlering_ros.rig.geometry import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
+from saddlering_ros.rig import geometry, Rig, short_digest
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Events, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import INCLINOMETER, RIG_IDENTITY, STATE
@@ -127,7 +126,7 @@ class RigAgreement:
 
 
 def zero_status(
-    rig: Rig, zero: ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
+    rig: Rig, zero: geometry.ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
 ) -> TaskStatus:
     """Whether the zero is taken, by stamps [ns] (0: none) and the load [N] of a waiting node."""
     if zero is not None:
@@ -142,9 +141,10 @@ def zero_status(
     if not newest_stamp:
         return TaskStatus(OK, 'waiting for samples')
     words = f'(load is {rig.force_words(load, 2)})'
-    if abs(load - rig.preload) <= NEAR_PRELOAD_SHARE * rig.full_scale_load:
-        return TaskStatus(WARN, f'waiting for a steady {WINDOW_SECONDS:g} s at preload {words}: '
-                                'keep the load at rest')
+    if abs(load - rig.preload) <= geometry.NEAR_PRELOAD_SHARE * rig.full_scale_load:
+        return TaskStatus(WARN, f'waiting for {geometry.MIN_SAMPLES} samples in a steady '
+                                f'{geometry.WINDOW_SECONDS:g} s at preload {words}: keep the load '
+                                'at rest, and see to its rate')
     return TaskStatus(WARN, f'waiting for preload {words}: go to preload, or call ~/zero')
 
 

@@ -69,3 +69,5 @@ def test_a_zero_below_the_preload_or_at_it_in_another_unit_is_a_warning(
     status = zero_status(shipped, zero, 1, 2, zero.load)
     assert status.level == (WARN if words else OK)
     assert words in status.words
+    waiting = zero_status(shipped, None, 0, 2, shipped.preload)
+    assert 'waiting for 5 samples in a steady 0.5 s' in waiting.words, 'a slow load is at rest too'
