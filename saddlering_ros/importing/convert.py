@@ -17,6 +17,7 @@ from saddlering_ros.importing.calibration import ImportingError, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources
+from saddlering_ros.quantities import first_of
 from saddlering_ros.record.batches import Floats, SECOND, Stamps
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
@@ -136,8 +137,9 @@ def import_files(
                 on_progress(sum(course.count for course in courses.values()))
             empty = [name for name, course in courses.items() if not course.count]
             if empty:
-                raise ImportingError(f'{path}: channel {empty[0]} has no sample: correct its '
-                                     'column or its calibration')
+                said = first_of([line for source in sources for line in source.warnings])
+                raise ImportingError(f'{path}: channel {empty[0]} has no sample ({said}): correct '
+                                     'its column or its calibration')
         runs.append(ImportedRun(path, metadata, courses))
     if not runs:
         raise ImportingError(f'{files[0]}: has no sample with a readable time: correct the map')

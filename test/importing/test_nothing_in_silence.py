@@ -219,6 +219,8 @@ def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
 @pytest.mark.parametrize(('change', 'said'), [
     (lambda cell: cell.replace(',', '.'), 'is no clear number where the decimal mark is'),
     (lambda cell: cell if ':' in cell or cell.count('.') == 2 else 'NaN', 'has no sample'),
+    (lambda cell: cell if ':' in cell or cell.count('.') == 2 else f'~{cell}',
+     "first '~1."),
     (lambda cell: None, 'has no data from line 6 on'),
 ])
 def test_a_file_that_is_not_as_its_map_states_is_told_what_and_not_to_state_it(
