@@ -68,5 +68,6 @@ def run(args: argparse.Namespace) -> int:
     if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
         print(f'{args.out}: {sum(counts.values())} messages in {seconds:.1f} s')
     if not any(counts.values()):
-        print(f'note: no message was received in ROS domain {domain}', file=sys.stderr)
+        print(f'note: no message was received in ROS domain {domain}, namespace '
+              f'{namespace_of(args.namespace) or "/"}', file=sys.stderr)
     return 0

@@ -95,10 +95,11 @@ def test_a_recording_is_not_put_over_something_else(ros_domain, tmp_path, capsys
 @pytest.mark.ros
 def test_a_recording_of_nothing_says_so(ros_domain, tmp_path, capsys):
     out = tmp_path / 'nothing'
-    assert main(['record', str(out), '--duration', '0.5', '--json', '-']) == 0
+    assert main(['record', str(out), '--duration', '0.5', '--json', '-', '--namespace', 'r']) == 0
     said = capsys.readouterr()
     assert set(json.loads(said.out)['messages'].values()) == {0}
     assert 'no message was received' in said.err
+    assert 'namespace /r' in said.err
     assert sorted(file.name for file in out.iterdir()) == ['metadata.yaml', 'nothing_0.mcap']
 
 
