@@ -277,7 +277,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     possible = _possible_record(record, rig or load_rig())
     qualities = {name: topic_quality(possible[name].stamps, possible[name].values)
                  for name in RIG_TOPICS}
-    findings: list[object] = [*record.notes]
+    findings: list[object] = [*record.notes, *filter(None, [facts.details.get('recorder_note')])]
     if absent and rig is not None:
         findings.append(Finding(
             f'probe {rig.probes.absent} is absent (rig.probes.absent): delta_x is of probe '

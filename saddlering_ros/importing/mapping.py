@@ -41,7 +41,7 @@ UNCERTAINTIES = {'load': ('gain', 'offset', 'nonlinearity'),
 
 TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
              *(key for key in DETAILS
-               if not key.startswith(('import', 'rig_hash', 'instruments'))))
+               if not key.startswith(('import', 'rig_hash', 'instruments', 'recorder'))))
 NUMBERS = {'piston_area': 0.0, 'rod_area': 0.0, 'polarity': 1.0, 'delay': 0.0}
 
 

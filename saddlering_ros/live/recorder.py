@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
+import math
 import os
 from pathlib import Path
 import sys
@@ -19,6 +20,7 @@ from std_msgs.msg import Bool
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_time
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
+from saddlering_ros.doubts.readings import ELEVATION_TOLERANCE_DEG
 from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import short_digest
@@ -51,10 +53,14 @@ class Recorder(StreamingNode):
         self._bag, self._namespace = bag, namespace
         self._published: dict[str, int] = {}
         self._rigs: dict[str, str] = {}
+        self._elevations: dict[str, float] = {}
         self.create_subscription(
             msg.RigIdentity, names.RIG_IDENTITY,
             lambda message: self._rigs.update({message.node: message.rig_hash}),
             raw_topics.LATCHED_BY_SEVERAL)
+        self.create_subscription(
+            msg.RingParameters, names.PARAMETERS_IN_FORCE, lambda told: self._elevations.update(
+                {told.applied_by: math.degrees(told.elevation)}), raw_topics.LATCHED_BY_SEVERAL)
         self.create_subscription(
             msg.ReplayProgress, names.PROGRESS, lambda message: self._published.update(
                 zip(message.outputs, map(int, message.published), strict=False)), 200)
@@ -89,14 +95,21 @@ class Recorder(StreamingNode):
         return ', '.join(words)
 
     def settle_rig(self) -> str:
-        """State the one rig of the nodes in the bag if it states none; a contradiction, or ''."""
+        """State the nodes' one rig in the bag if it has none; a contradiction, kept too, or ''."""
+        facts = self._bag.metadata
         if len(set(self._rigs.values())) == 1:
-            self._bag.metadata.setdefault('rig_hash', min(self._rigs.values()))
-        stated = self._bag.metadata.get('rig_hash', '')
+            facts.setdefault('rig_hash', min(self._rigs.values()))
+        stated, elevation = facts.get('rig_hash', ''), float(facts.get('elevation_deg', 'nan'))
         others = ', '.join(f'{node} ({short_digest(digest)})' for node, digest
                            in sorted(self._rigs.items()) if digest != stated)
         said = f'the rig {short_digest(stated)}' if stated else 'no rig'
-        return others and f'the bag states {said}, and nodes meanwhile had another: {others}'
+        apart = ', '.join(f'{node} ({degrees:.2f} deg)' for node, degrees in
+                          sorted(self._elevations.items())
+                          if node and abs(degrees - elevation) > ELEVATION_TOLERANCE_DEG)
+        note = '; '.join(f'the bag states {what}, and nodes meanwhile had another: {nodes}' for
+                         what, nodes in ((said, others), (f'{elevation:g} deg', apart)) if nodes)
+        facts.update({'recorder_note': note} if note else {})
+        return note
 
     def keep_as_incomplete(self) -> Path:
         """Keep the recording under a free name beside its own; the path of it."""

@@ -241,10 +241,10 @@ METADATA_RECORD = 'saddlering.test'
 
 KEYS = ('test', 'elevation_deg', 'rig', 'run')
 DETAILS = ('ring', 'bench', 'date', 'service_hours', 'maintenance', 'operator', 'slew_deg', 'base',
-           'rig_hash', 'import_map', 'import_sources', 'instruments')
+           'rig_hash', 'import_map', 'import_sources', 'instruments', 'recorder_note')
 """Further texts: names of ring and test rig, on the test, whether it follows a service, on the
 place of the ring, whether the session is a base measurement, on the description of the rig
-(Rig.digest), on the files of an import, and on its instruments."""
+(Rig.digest), on the files of an import, on its instruments, and what a recorder found."""
 
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0

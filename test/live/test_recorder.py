@@ -1,5 +1,6 @@
 """A recording is whole: what has come is in the bag, and the bag is closed before the network."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,17 @@ from rosbags.highlevel import AnyReader
 from rosnet import wait_until
 
 from benchmarks.served_node import ServedNode
+from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.bags.reader import bag_info
 from saddlering_ros.bags.wire import encode_samples
+from saddlering_ros.bags.write import write_bag
+from saddlering_ros.cli.main import main
 from saddlering_ros.live import recorder
 from saddlering_ros.record.batches import Samples
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
+from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
 from saddlering_ros.ros.raw_topics import RawPublisher
 
 pytestmark = pytest.mark.ros
@@ -68,6 +76,26 @@ def test_a_bag_is_in_its_place_before_its_recorder_leaves_the_network(
     with recorder.recording(tmp_path / 'bag', ros_domain):
         pass
     assert was_there == [True]
+
+
+def test_another_elevation_of_nodes_is_told_by_a_recording_and_by_its_bag(
+        publisher: Publisher, ros_domain: int, tmp_path: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    said = 'the bag states 30 deg, and nodes meanwhile had another: /ring_simulator (50.00 deg)'
+    with publisher.lock:
+        teller = publisher.node.create_publisher(
+            RingParameters, PARAMETERS_IN_FORCE, recorder.raw_topics.LATCHED)
+        for name in ('', '/ring_simulator'):  # the first is an offer
+            teller.publish(RingParameters(applied_by=name, elevation=math.radians(50.0)))
+    with recorder.recording(tmp_path / 'bag', ros_domain,
+                            facts=TestMetadata('dynamic', 30.0).as_text()) as node:
+        wait_until(lambda: node.settle_rig() == said, 20.0, said)
+    stamps = 1_700_000_000_000_000_000 + np.arange(400) * 10_000_000
+    load = 5000.0 + np.linspace(0.0, 50e3, 400)
+    bag = write_bag(tmp_path / 'whole', bag_info(tmp_path / 'bag').facts, stamps, load, [
+        stamps] * 4, [1e-3 + sign * 1e-10 * load for sign in (1, 1, -1, -1)], default_rig().probes)
+    assert main(['info', str(bag)]) == 0
+    assert said in ' '.join(capsys.readouterr().out.split())
 
 
 def test_a_damaged_message_does_not_end_a_recording(
