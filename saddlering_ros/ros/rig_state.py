@@ -48,12 +48,13 @@ class ElevationWatch:
         self.of_bag = self.measured = math.nan
         self.recording = ANY_TIME
         self.doubt = ''  # about the newest reading of the inclinometer, in words
-        self._on_news = on_news
+        self._read: dict[str, float] = {}  # the last reading [rad] by topic
+        self._on_news, self._node = on_news, node
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
         node.create_subscription(Vector3Stamped, ELEVATION.relative, lambda message:
                                  self._on_measured(message.vector.x), OF_ANY_SENSOR)
-        node.create_subscription(ElevationMessage, INCLINOMETER, lambda message:
-                                 self._on_measured(message.elevation), OF_ANY_SENSOR)
+        node.create_subscription(ElevationMessage, INCLINOMETER, lambda told:
+                                 self._on_measured(told.elevation, INCLINOMETER), OF_ANY_SENSOR)
 
     def resolve(self, given: float, started_with: float = math.nan) -> tuple[float, str]:
         """The elevation that counts [rad], NaN if none is known, and its source in words.
@@ -69,11 +70,13 @@ class ElevationWatch:
 
     def contradiction(self, used: float) -> str:
         """Contradiction to the elevation in use [rad], in words; '' if there is none."""
-        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the replayed bag has'),
-                                    (self.measured, SAME_MEASURED, 'rig/elevation measures')):
+        known = ('set: correct elevation_deg' if used != self.measured else
+                 f'measured by {min(self._read)}: stop the wrong one, or correct it')
+        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the replayed bag has'), *(
+                (read, SAME_MEASURED, f'{topic} measures') for topic, read in self._read.items())):
             if abs(value - used) > limit:  # False for NaN
                 return (f'{whose} {math.degrees(value):.2f} deg, and '
-                        f'{math.degrees(used):.2f} deg is set: correct elevation_deg')
+                        f'{math.degrees(used):.2f} deg is {known}')
         return ''
 
     def _on_state(self, message: ReplayState) -> None:
@@ -83,12 +86,15 @@ class ElevationWatch:
             self.of_bag = value
             self._on_news()
 
-    def _on_measured(self, value: float) -> None:
+    def _on_measured(self, value: float, topic: str = ELEVATION.relative) -> None:
         if not LOWEST_ELEVATION <= math.degrees(value) <= HIGHEST_ELEVATION:
             self.doubt = (f'the inclinometer reads {value:g} rad, which no barrel has: '
                           'publish radians')
             return
         self.doubt = ''
+        self._read = {other: read for other, read in self._read.items()
+                      if other != topic and self._node.count_publishers(other)} | {topic: value}
+        value = self._read[min(self._read)]  # that of rig/elevation, if both read
         if math.isnan(self.measured) or abs(value - self.measured) > FOLLOWED:
             self.measured = value
             self._on_news()

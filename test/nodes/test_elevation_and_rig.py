@@ -3,13 +3,14 @@
 import math
 from pathlib import Path
 
+from geometry_msgs.msg import Vector3, Vector3Stamped
 import numpy as np
 import pytest
 import rclpy
 from rosnet import ACTIVATE, ANEW, Client, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import ReplayState, RingParameters
+from saddlering_interfaces.msg import Elevation, ReplayState, RingParameters
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
@@ -94,6 +95,41 @@ def test_a_simulator_without_a_configuration_outlives_news_and_warns_of_degrees(
         assert 'reads 30 rad' in node._elevation_status().words
         node._watch._on_measured(math.radians(70.0))
         assert node._elevation_status().level == 0
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+def test_inclinometers_that_disagree_are_told_and_restart_nothing() -> None:
+    rclpy.init(args=[''])
+    node = RingSimulatorNode()
+    node.trigger_configure()
+    first = node.create_publisher(Vector3Stamped, 'rig/elevation', 10)
+    second = node.create_publisher(Elevation, 'rig/inclinometer', 10)
+    streams = [node._stream]
+
+    def told(words: str, one: float, other: float = 0.0) -> int:
+        """Level of the status when it has the words, while inclinometers read [deg]; 0: none."""
+        def is_told() -> bool:
+            if one:
+                first.publish(Vector3Stamped(vector=Vector3(x=math.radians(one))))
+            if other:
+                second.publish(Elevation(elevation=math.radians(other)))
+            rclpy.spin_once(node, timeout_sec=0.02)
+            streams.extend([node._stream] if node._stream is not streams[-1] else [])
+            return words in node._elevation_status().words
+        wait_until(is_told, 20.0, words)
+        return node._elevation_status().level
+
+    try:
+        both = ('rig/inclinometer measures 50.00 deg, and 53.00 deg is measured by '
+                'rig/elevation: stop the wrong one')
+        assert all(told(both, 53.0, 50.0) == 2 for _ in range(30))
+        assert len(streams) <= 3, 'restarts for the first readings only'
+        node.destroy_publisher(second)
+        assert [told('53.000 deg, measured', 53.0) for _ in range(30)] == [0] * 30
+        assert len(streams) <= 3
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
