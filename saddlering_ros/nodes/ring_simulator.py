@@ -272,13 +272,16 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         wrong = self._watch.contradiction(self._elevation)
         if wrong:
             return TaskStatus(ERROR, f'nothing is simulated: {wrong}', figures)
+        words = f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
+        doubt = self._watch.doubt
+        if self._elevation_source == 'measured' and self._arrived > self._watch.due:
+            doubt = 'the inclinometer has stopped: see to it, or give elevation_deg'
+        if doubt:
+            return TaskStatus(WARN, f'{doubt} (simulated: {words})', figures)
         gave = self._elevation - self._stream.zero_elevation
         if abs(gave) > rig_state.MOVED:
             return TaskStatus(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, '
                               'and is followed: see to the elevating gear', figures)
-        words = f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
-        if self._watch.doubt:
-            return TaskStatus(WARN, f'{self._watch.doubt} (simulated: {words})', figures)
         if self._elevation_source == 'assumed':
             return TaskStatus(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: '
                               'give elevation_deg', figures)

@@ -48,6 +48,7 @@ class ElevationWatch:
         self.of_bag = self.measured = math.nan
         self.recording = ANY_TIME
         self.doubt = ''  # about the newest reading of the inclinometer, in words
+        self.due = self._heard = math.nan  # time of the next and the last reading [s, monotonic]
         self._read: dict[str, float] = {}  # the last reading [rad] by topic
         self._on_news, self._node = on_news, node
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
@@ -87,9 +88,11 @@ class ElevationWatch:
             self._on_news()
 
     def _on_measured(self, value: float, topic: str = ELEVATION.relative) -> None:
+        now = time.monotonic()  # after a single reading, none is due: NaN
+        self.due, self._heard = now + max(3.0 * (now - self._heard), SILENT), now
         if not LOWEST_ELEVATION <= math.degrees(value) <= HIGHEST_ELEVATION:
-            self.doubt = (f'the inclinometer reads {value:g} rad, which no barrel has: '
-                          'publish radians')
+            remedy = 'see to it' if math.isnan(value) else 'publish radians'
+            self.doubt = f'the inclinometer reads {value:g} rad, which no barrel has: {remedy}'
             return
         self.doubt = ''
         self._read = {other: read for other, read in self._read.items()

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+import time
 
 from geometry_msgs.msg import Vector3, Vector3Stamped
 import numpy as np
@@ -101,7 +102,7 @@ def test_a_simulator_without_a_configuration_outlives_news_and_warns_of_degrees(
 
 
 @pytest.mark.ros
-def test_inclinometers_that_disagree_are_told_and_restart_nothing() -> None:
+def test_inclinometers_that_disagree_stop_or_fail_are_told_and_restart_nothing() -> None:
     rclpy.init(args=[''])
     node = RingSimulatorNode()
     node.trigger_configure()
@@ -129,6 +130,11 @@ def test_inclinometers_that_disagree_are_told_and_restart_nothing() -> None:
         assert len(streams) <= 3, 'restarts for the first readings only'
         node.destroy_publisher(second)
         assert [told('53.000 deg, measured', 53.0) for _ in range(30)] == [0] * 30
+        node._arrived = time.monotonic() + 10.0  # the load goes on
+        assert told('the inclinometer has stopped', 0.0) == 1
+        node._arrived = 0.0
+        assert told('reads nan rad, which no barrel has: see to it', math.nan) == 1
+        assert math.isclose(node._elevation, math.radians(53.0))
         assert len(streams) <= 3
     finally:
         node.destroy_node()
