@@ -57,11 +57,6 @@ class Channel:
                 f'channel: model_error is {self.model_error}: a share of the range, 0 to 1')
 
 
-def _is_name(value: object) -> bool:
-    """Whether a value is a text that fits into a line."""
-    return isinstance(value, str) and bool(value) and value.isprintable()
-
-
 def _numbers(what: str, values: ArrayLike) -> Array:
     """The values as floats, NaN where masked; DiscrepancyError if they are no real numbers."""
     try:
@@ -99,7 +94,7 @@ class Run:
     coordinates: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not _is_name(self.name):
+        if not system.is_name(self.name):
             raise DiscrepancyError(f'run: its name is {self.name!r}: give a text in one line')
         time = _numbers(f'run {self.name}: time', self.time)
         if time.ndim != 1 or time.size < system.MIN_SAMPLES:
@@ -155,7 +150,7 @@ class Model:
             given, kind = getattr(self, name), wanted.__name__
             system.must_be(Mapping, f'model: {name}', given, f'a mapping from names to {kind}')
             for key, value in given.items():
-                if not _is_name(key) or (
+                if not system.is_name(key) or (
                         wanted is Effect and (key in OUTCOMES or ' or ' in key)):
                     raise DiscrepancyError(f'model: {name} has the name {key!r}: give another one')
                 system.must_be(wanted, f'model: {name} {key}', value, f'{kind}(...)')

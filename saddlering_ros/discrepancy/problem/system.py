@@ -32,6 +32,11 @@ def must_be(kind: type | tuple[type, ...], what: str, given: object, words: str)
         raise DiscrepancyError(f'{what} is {shown}: give {words}')
 
 
+def is_name(value: object) -> bool:
+    """Whether a value is a text that fits into a line."""
+    return isinstance(value, str) and bool(value) and value.isprintable()
+
+
 def copied(given: Mapping[str, Any]) -> dict[str, Any]:
     """The same values, with arrays of their own."""
     return {name: values.copy() if isinstance(values, np.ndarray) else values
@@ -192,11 +197,12 @@ class Effect:
     contains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.title, str) and self.title):
-            raise DiscrepancyError(f'effect: its title is {self.title!r}: give a text')
+        if not is_name(self.title):
+            raise DiscrepancyError(f'effect: its title is {self.title!r}: give a text in one line')
         given = self.parameters
         if not (given and isinstance(given, Mapping)
-                and all(isinstance(one, Parameter) for one in given.values())):
+                and all(is_name(name) and isinstance(one, Parameter)
+                        for name, one in given.items())):
             raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
                                    'size, in a mapping from names to Parameter')
         for what in ('variants', 'starts'):
