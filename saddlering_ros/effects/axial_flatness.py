@@ -34,9 +34,9 @@ class AxialFlatness(OvalGap):
         return {**super().slewed(values), 'third': 0.0}
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        waves = (*self.waves(values), values['amplitude'] * values['third'])
         upper, lower = (
-            replace(row, oval_amplitude=sign * values['amplitude'], oval_angle=values['angle'],
-                    third_wave=sign * values['amplitude'] * values['third'])
+            row.beside(tuple(sign * one for one in waves))
             for sign, row in zip(SIGNS[values['rows']],
                                  (extension.upper_row, extension.lower_row), strict=True))
         return replace(extension, upper_row=upper, lower_row=lower)

@@ -301,6 +301,12 @@ class OvalGap(RingEffect):
     def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
         return {**values, 'amplitude': -values['amplitude']}
 
+    @staticmethod
+    def waves(values: Mapping[str, float]) -> tuple[float, ...]:
+        """Waves [m] of a row with one and with two maxima."""
+        turn = 2.0 * values['angle']
+        return 0.0, 0.0, values['amplitude'] * math.cos(turn), values['amplitude'] * math.sin(turn)
+
 
 MOVES = 'a misfit that moves with the probe'
 """Outcome of swapped probes for an effect that belongs to the probe and not to its place."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, Field, field, fields, replace
 from functools import lru_cache, partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -61,17 +62,19 @@ class RowGeometry:
 
     stiffness: factor on K of the whole row; gap: extra gap of every roller [m], gap_spread [m]: by
     which rollers have more or less of it than their neighbours, evenly from -spread to spread;
-    oval_amplitude [m], oval_angle [rad]: gap + a cos(2 (phi - phi0)); third_wave [m]: gap +
-    a cos(3 phi).
+    waves [m]: gap + a cos(m phi) + b sin(m phi), a and b of one maximum m, of two, and so on.
     """
 
     stiffness: float = 1.0
     gap: float = 0.0
     gap_spread: float = 0.0
     wear: Wear = field(default_factory=Wear)
-    oval_amplitude: float = 0.0
-    oval_angle: float = 0.0
-    third_wave: float = 0.0
+    waves: tuple[float, ...] = ()
+
+    def beside(self, waves: tuple[float, ...]) -> RowGeometry:
+        """The same row with more waves."""
+        pairs = zip_longest(self.waves, waves, fillvalue=0.0)
+        return replace(self, waves=tuple(own + more for own, more in pairs))
 
 
 MOTION, ROLLERS, READING = 'motion', 'rollers', 'reading'

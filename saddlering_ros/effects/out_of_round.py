@@ -15,6 +15,4 @@ class OutOfRound(OvalGap):
     channels = ('delta_x',)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        row = replace(extension.radial_row, oval_amplitude=values['amplitude'],
-                      oval_angle=values['angle'])
-        return replace(extension, radial_row=row)
+        return replace(extension, radial_row=extension.radial_row.beside(self.waves(values)))

@@ -60,9 +60,10 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
         return np.stack([cosine, np.where(alone, 1.0, 2.0), np.full(index.size, half_gap)])
     wear = geometry.wear.profile(angle)
     gap = (half_gap + geometry.wear.gap * wear
-           + geometry.gap_spread * mixed(row.rollers)
-           + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle))
-           + geometry.third_wave * np.cos(3.0 * angle))
+           + geometry.gap_spread * mixed(row.rollers))
+    for number, amplitude in enumerate(geometry.waves):
+        turn = (1 + number // 2) * angle
+        gap += amplitude * (np.sin(turn) if number % 2 else np.cos(turn))
     order = np.argsort(-cosine, kind='stable')
     return np.stack([cosine, 1.0 - geometry.wear.loss * wear, gap])[:, order]
 
@@ -72,8 +73,7 @@ def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...]
           twins: bool) -> Rows:
     """Rows of upper, lower and radial geometry; `twins`: equal mirror twins share a place."""
     equal = [
-        twins and not any((part.wear.loss, part.wear.gap, part.oval_amplitude, part.third_wave,
-                           part.gap_spread))
+        twins and not any((part.wear.loss, part.wear.gap, part.gap_spread, *part.waves))
         for part in geometry]
     # The kernels have one number of places for both axial rows.
     equal[0] = equal[1] = equal[0] and equal[1]
