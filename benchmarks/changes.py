@@ -1,7 +1,7 @@
 """Changes of dirty rings between two sessions: is what changed named, and nothing else?
 
     python benchmarks/changes.py [--kind third|near|none] [--seed 1300] [--pairs 40] [--limits]
-                                 [--out FILE.jsonl] [--table]
+                                 [--waves 0] [--out FILE.jsonl] [--table]
 
 The rings are those of dirty_ring.py. Their many small errors are the same in both sessions, and
 the noise of the instruments is new. third: one cause of the catalogue appears in the later
@@ -9,15 +9,16 @@ session, at a third of the size that one session names; each pair has a ring of 
 nothing changes. near: 0.8 to 1.5 times the smallest change that an unchanged pair of the ring
 could show, five causes to a ring. Each has a twin whose noise has the opposite sign, so that
 the error by noise cancels in their mean and the bias is left. Errors of sizes are in stated
-standard deviations, positive if a size is too large. --limits: also those of the later session
-alone, which take as long as the verdict.
+standard deviations, positive if a size is too large. --waves: rms [um] of the waves of each
+raceway beside the small errors, of 1 to 16 maxima whose amplitudes fall as 1/m. --limits: also
+those of the later session alone, which take as long as the verdict.
 """
 
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -28,7 +29,7 @@ from dirty_ring import dirty_fault, hidden_in, MAIN
 from frame import arguments, keep, kept_rows, share
 from independent import draw_ring, RIG, write
 from independent_faults import Hidden
-from independent_ring import Noise, record, usual_courses
+from independent_ring import Array, Fault, Noise, record, usual_courses
 import numpy as np
 
 from saddlering_ros import compare, read_bag
@@ -36,6 +37,7 @@ from saddlering_ros.comparison import change
 from saddlering_ros.comparison.change import Change
 
 TESTS = ('static_50', 'dynamic_50', 'static_70')
+Gap = Callable[[Array], Array]
 LATER, UNCHANGED = 40, 400
 """Number of the first bag of a later session: a quarter of an hour each."""
 
@@ -84,21 +86,40 @@ class Pair:
         return (self.value - self.true) * float(np.sign(self.true)) / self.std
 
 
-def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path) -> list:
+def wavy(fault: Fault, seed: int, rms: float) -> Fault:
+    """The same ring with waves of this rms [um] on each of its raceways."""
+    draw = np.random.default_rng([seed, 27])
+    maxima = np.arange(1, 17)
+
+    def gap(more: Gap | None) -> Gap:
+        sizes, phases = draw.standard_normal(16) / maxima, draw.uniform(0.0, 2.0 * np.pi, 16)
+        sizes *= 1e-6 * rms / np.sqrt(0.5 * sizes @ sizes)
+        return lambda phi: sizes @ np.cos(maxima[:, None] * phi + phases[:, None]) + (
+            0.0 if more is None else more(phi))
+
+    return replace(fault, gap_axial=gap(fault.gap_axial), gap_lower=gap(fault.gap_lower),
+                   gap_radial=gap(fault.gap_radial))
+
+
+def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path,
+            waves: float = 0.0) -> list:
     """The bags of one session of the ring of a seed, read; draw: of the noise."""
     ring, _ = draw_ring(seed)
     fault = dirty_fault(hidden, seed)
+    fault = wavy(fault, seed, waves) if waves else fault
     courses = [course for course in usual_courses(RIG) if course.name in TESTS]
     paths = [write(record(ring, fault, course, 1000 * draw + first + number, noise),
                    first + number, folder / str(first)) for number, course in enumerate(courses)]
     return [read_bag(path, rig=RIG) for path in paths]
 
 
-def compared(seed: int, hidden: Hidden, noise: Noise, draw: int, later: int) -> Change:
+def compared(
+    seed: int, hidden: Hidden, noise: Noise, draw: int, later: int, waves: float = 0.0,
+) -> Change:
     """The comparison of two sessions of a ring; the hidden cause is in the later one."""
     with tempfile.TemporaryDirectory() as folder:
-        before = session(seed, hidden_in('', seed), noise, draw, 0, Path(folder))
-        after = session(seed, hidden, noise, draw, later, Path(folder))
+        before = session(seed, hidden_in('', seed), noise, draw, 0, Path(folder), waves)
+        after = session(seed, hidden, noise, draw, later, Path(folder), waves)
         return compare(before, after, rig=RIG).change
 
 
@@ -115,7 +136,7 @@ def size_of(hidden: Hidden) -> float:
     return float(next(iter(hidden.parameters.values()), 0.0))
 
 
-def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
+def trial(kind: str, number: int, seed: int, effect: str, twin: bool, waves: float) -> Pair:
     """One pair of sessions and its verdict."""
     began = clock.process_time()
     noise, part, ring = draw_ring(seed)[1], 1.0 / 3.0, dirty_fault(hidden_in('', seed), seed)
@@ -128,7 +149,8 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
     if twin:
         noise = replace(noise, load=-noise.load, probe=-noise.probe, slow=-noise.slow)
     hidden = hidden_in(effect, seed, part)
-    found = compared(seed, hidden, noise, seed + 7919 * number * (kind == 'near'), LATER)
+    found = compared(seed, hidden, noise, seed + 7919 * number * (kind == 'near'), LATER,
+                     waves)
     causes = found.diagnosis.causes if found.verdict != 'none' else ()
     size = next(iter(causes[0].parameters.values())) if causes else None
     ratios = [found.limits_alone[item.effect] / max(item.limit, 1e-300)
@@ -193,14 +215,14 @@ def report(rows: Sequence[Pair]) -> None:
 
 def main() -> None:
     args = arguments(__doc__, {'kind': 'none', 'pairs': 1}, kind='third', seed=1300, pairs=40,
-                     limits=False, out=Path('out/changes.jsonl'), table=False)
+                     limits=False, waves=0.0, out=Path('out/changes.jsonl'), table=False)
     if not args.limits:
         change._limits_alone = lambda *_: {}
     known = {(row['kind'], row['number'], row['seed'], row['twin']) for row in kept_rows(args.out)}
     for number, seed, effect, twin in () if args.table else plan(args.kind, args.seed, args.pairs):
         if (args.kind, number, seed, twin) in known:
             continue
-        pair = trial(args.kind, number, seed, effect, twin)
+        pair = trial(args.kind, number, seed, effect, twin, args.waves)
         keep(args.out, asdict(pair))
         print(f'{pair.kind} {seed} {effect or "none"}{" twin" if twin else ""}: {pair.verdict} '
               f'{pair.groups}', f'{pair.error:+.2f} std' if pair.has_size else '',

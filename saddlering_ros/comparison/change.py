@@ -10,6 +10,7 @@ import numpy as np
 
 from saddlering_ros import discrepancy
 from saddlering_ros.comparison import sessions
+from saddlering_ros.comparison.raceways import raceway_notes, with_raceways
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES, TwoSessions
 from saddlering_ros.comparison.wear import figures_of_sessions, judged_wear, MakerFigures
@@ -27,7 +28,7 @@ from saddlering_ros.identification.result import Identification
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record.record import Record
-from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
+from saddlering_ros.rig import instruments, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
 DRAWN_DATES = 'virtual rig'
 """Bags of the virtual rig state this as their rig; their dates are drawn."""
@@ -172,22 +173,26 @@ def compare_records(
     earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
     identified = identify(list(before), rig, is_cancelled=is_cancelled)
-    start = dict(zip(PARAMETER_NAMES, identified.parameters.contact.to_array(), strict=True))
+    ring, law = with_raceways(
+        RingSystem(rig), [one.run for one in earlier], law_of(identified), watch)
+    start = {name: one.value for name, one in law.items()}
     renewed, said = renewed_between(before, after)
-    system = TwoSessions(RingSystem(rig), frozenset(one.run.name for one in earlier), renewed)
+    system = TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed)
     diagnosis = discrepancy.diagnose_system(Problem(
         system, [one.run for one in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
         assumptions=discrepancy.Assumptions(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
-    notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
-              *rig_dimensions.certificate_notes(rig, diagnosis.causes),
+    notes += [*said, *raceway_notes(ring), *check_set([*earlier, *later], rig),
+              *diagnosis.warnings, *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
-    contact = contact_of_sessions(diagnosis, system, identified)
-    left = sessions.left_between(diagnosis, system)
+    contact = contact_of_sessions(diagnosis, system, law)
+    differs, left = (sessions.left_between(diagnosis, fit.prediction, system)
+                     for fit in (diagnosis.fits.before, diagnosis.fits.after))
     diagnosis = sessions.with_main_cause(
-        replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), left)
+        replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), differs, left,
+        sessions.WAVY_DEFINITION if any(map(any, ring.raceways)) else sessions.DEFINITION)
     if doubts and diagnosis.verdict != 'none':
         diagnosis = sessions.in_doubt(diagnosis)
     if not diagnosis.complete:
@@ -195,10 +200,10 @@ def compare_records(
                      'cause: it may be the interplay of the change with errors that both share')
     watch.progress('limits of the later session alone', 0.95)
     return Change(
-        diagnosis, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
+        diagnosis, earlier, later, contact, _limits_alone(ring, later, start, seed, watch),
         figures_of_sessions(rig, before, after), (*doubts, *notes),
         _next_test(diagnosis, doubts, rig), rig,
-        seed, series_of(rig, prepared, start, watch) if between else None)
+        seed, series_of(ring, prepared, start, watch) if between else None)
 
 
 def check_sessions(
@@ -303,7 +308,8 @@ def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str], rig: Rig) -> str
 
 
 def _limits_alone(
-    rig: Rig, later: Sequence[PreparedRecord], start: Mapping[str, float], seed: int, watch: Watch,
+    ring: RingSystem, later: Sequence[PreparedRecord], start: Mapping[str, float], seed: int,
+    watch: Watch,
 ) -> dict[str, float]:
     """Detection limit of each effect in the later session without the earlier one.
 
@@ -311,7 +317,7 @@ def _limits_alone(
     diagnosis: nothing in one session tells it from a cause of the same size.
     """
     space = discrepancy.prepare(Problem(
-        RingSystem(rig), [record.run for record in later], discrepancy.Settings(seed=seed),
+        ring, [record.run for record in later], discrepancy.Settings(seed=seed),
         start=start, watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
         space, _ = discrepancy.space_beside_error(space, space.base)
@@ -319,13 +325,21 @@ def _limits_alone(
             for effect in discrepancy.observed(space.with_inputs()).limits}
 
 
+def law_of(identified: Identification) -> dict[str, Estimate]:
+    """The contact parameters of an identification, with NaN where they are not determined."""
+    return {name: Estimate(float(value), float(std), PARAMETER_UNITS[name])
+            for name, value, std in zip(
+                PARAMETER_NAMES, identified.parameters.contact.to_array(), identified.std,
+                strict=True)}
+
+
 def contact_of_sessions(
-    diagnosis: Diagnosis, system: TwoSessions, earlier: Identification,
+    diagnosis: Diagnosis, system: TwoSessions, earlier: Mapping[str, Estimate],
 ) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Contact parameters before, after, and their change, each with its standard deviation.
 
-    A standard deviation is NaN if the data do not determine the value. The law before is that of
-    `identify`. The change is one linear step from the fit with the causes, in which each session
+    A standard deviation is NaN if the data do not determine the value. The law before is
+    `earlier`. The change is one linear step from the fit with the causes, in which each session
     has a contact law of its own: errors that both sessions share are marginalised, and so is the
     size of every cause but a change of the contact law itself. The law before and the change
     count as independent.
@@ -359,15 +373,14 @@ def contact_of_sessions(
         both = covariance[np.ix_(places, places)]
         spread = math.nan if leaves[index] else math.sqrt(
             both[0, 0] + both[1, 1] - 2.0 * both[0, 1])
-        before, std = earlier.parameters.contact.to_array()[index], earlier.std[index]
-        # A K or D changes by the same factor about the identified law as about the fitted one.
-        factor = before / first if parameter.scale == 'log' else 1.0
+        before = earlier[parameter.name]
+        # A K or D changes by the same factor about the law before as about the fitted one.
+        factor = before.value / first if parameter.scale == 'log' else 1.0
         std_of_change = factor * parameter.slope(float(ends[0, index])) * spread
         change = Estimate(factor * (last - first), std_of_change, parameter.unit)
         answers[parameter.name] = (
-            Estimate(float(before), float(std), parameter.unit),
-            Estimate(float(before + change.value), math.hypot(std, change.std), parameter.unit),
-            change)
+            before, replace(before, value=before.value + change.value,
+                            std=math.hypot(before.std, change.std)), change)
     return answers
 
 

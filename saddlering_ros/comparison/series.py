@@ -25,7 +25,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
-from saddlering_ros.rig import PARAMETER_NAMES, Rig
+from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ring.small_errors import DIMENSIONS
 
 CHANGED = 100.0
@@ -161,13 +161,13 @@ class ChangeSeries:
 
 
 def series_of(
-    rig: Rig, prepared: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
+    ring: RingSystem, prepared: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
     watch: Watch,
 ) -> ChangeSeries:
     """The series of sessions by name, the base session first; start: its contact law."""
     base, *later = prepared
     system = sessions.TwoSessions(
-        RingSystem(rig), frozenset(record.run.name for record in prepared[base]))
+        ring, frozenset(record.run.name for record in prepared[base]))
     problem = discrepancy.Problem(
         system, [record.run for records in prepared.values() for record in records],
         sessions.SETTINGS,

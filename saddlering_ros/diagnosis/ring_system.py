@@ -11,7 +11,7 @@ from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions, ring_wording
 from saddlering_ros.diagnosis.records import Array, LoadGrid
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
-from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
+from saddlering_ros.effects.extension import MOTION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import size_factor
@@ -41,18 +41,37 @@ STEEP, MAX_STEEP = 3.0, 20
 """Steepness of a block, in usual ones, from which the noise of the load counts; and their largest
 number in a run."""
 
+WAVE_SPREAD = 1e-5
+"""Standard deviation [m] of the amplitude of a wave where raceways are not even."""
+
+WAVE_STEP = 1e-7
+"""Step [m] of its sensitivity: within it few rollers begin to touch."""
+
 KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
 
 
-def by_tangents(system: 'RingSystem', groups: Sequence[Sequence[Point]]) -> Neighbourhood:
-    """The first point of each group simulated in any run, and its neighbours by exact tangents.
+Raceways = tuple[tuple[float, ...], ...]
+"""Waves [m] of the gaps in the upper, the lower and the radial row, as in `RowGeometry.waves`."""
 
-    A neighbour without a tangent is simulated, and so is a point without any that has one.
-    """
+Candidate = tuple[Array, RingExtension]
+"""A contact law (6,) and an extension of the ring."""
+
+
+def by_tangents(system: 'RingSystem', groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+    """`along_tangents` of points, which are simulated where the user's own laws act."""
     if any(system.laws(group[0]) for group in groups):
         return lambda run: [system.predict_many(run, group) for group in groups]
-    candidates = [[(point.base, system.extension(point)) for point in group] for group in groups]
+    return along_tangents(
+        system, [[(point.base, system.extension(point)) for point in group] for group in groups])
+
+
+def along_tangents(
+    system: 'RingSystem', candidates: Sequence[Sequence[Candidate]]) -> Neighbourhood:
+    """The first of each group simulated in any run, and its neighbours by exact tangents.
+
+    A neighbour without a tangent is simulated, and so is a first one without any that has one.
+    """
     # Whether a point after the first of its group has a tangent.
     tangents = [[has_tangent(group[0], other) for other in group[1:]] for group in candidates]
     passes = Neighbourhoods(system.rig, [
@@ -90,11 +109,12 @@ class RingSystem:
     """The engine's `System` for one rig.
 
     bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
-    differs from the file.
+    differs from the file; raceways: waves of the raceways that are known.
     """
 
     rig: Rig
     bounds_rig: Rig | None = None
+    raceways: Raceways = ((), (), ())
     _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -181,14 +201,12 @@ class RingSystem:
             lambda rig, own: by_tangents(replace(self, rig=rig, bounds_rig=self.rig), own))
 
     def simulated(
-        self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
-    ) -> Array:
+        self, run: RunBlocks, candidates: Sequence[Candidate]) -> Array:
         """Increments (B, C, N) of the probes that the rig has, for laws with extensions."""
         return self._four_probes(run, candidates)[:, self.seen]
 
     def _four_probes(
-        self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
-    ) -> Array:
+        self, run: RunBlocks, candidates: Sequence[Candidate]) -> Array:
         grid: LoadGrid = run.payload
         means = probe_batch(self.rig, candidates, grid.elevation, grid.time, grid.load,
                             grid.zero_load, grid.max_step, (grid.first, grid.last))
@@ -196,7 +214,7 @@ class RingSystem:
         return np.clip(known, -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
-        """Nuisance columns: unequal rollers, uncertain clearances and weight, noise of the load.
+        """Nuisance columns: unequal rollers, waves, clearances and weight, noise of the load.
 
         Every instrument with a certificate adds its own error.
 
@@ -215,9 +233,10 @@ class RingSystem:
             contacts = self._four_probes(run, [(point.base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
-            parts.append(small_errors.scatter_columns(
+            scatter = small_errors.scatter_columns(
                 self.rig, point.base, grid.elevation, grid.zero_load, run.time, contacts,
-                static=static)[self.seen])
+                static=static)[self.seen]
+            parts.append(np.concatenate([scatter, self._wave_columns(run, point)], axis=2))
             known.append(np.stack([
                 *small_errors.known_errors(
                     self.rig, partial(self._predict_by, run, point), usual),
@@ -229,6 +248,19 @@ class RingSystem:
             np.concatenate([block.reshape(*run.channels.shape, -1), load, own], axis=2)
             for run, block, load, own in zip(
                 runs, blocks, self._load_noise(runs, points), known, strict=True)]
+
+    def _wave_columns(self, run: RunBlocks, point: Point) -> Array:
+        """Changes (C, N, k) by one standard deviation of each wave; none for even raceways."""
+        usual, even = self.extension(point), np.zeros((3, max(map(len, self.raceways))))
+        if not even.size:
+            return np.empty((*run.channels.shape, 0))
+        others = []
+        for place in np.ndindex(even.shape):
+            wave = even.copy()
+            wave[place] = WAVE_STEP
+            others.append((point.base, waved(usual, tuple(map(tuple, wave.tolist())))))
+        [every] = along_tangents(self, [[(point.base, usual), *others]])(run)
+        return np.moveaxis((every[1:] - every[0]) * (WAVE_SPREAD / WAVE_STEP), 0, -1)
 
     def _predict_by(self, run: RunBlocks, point: Point, rig: Rig) -> Array:
         """Channels (C, N) of a run if the ring had the dimensions of another rig."""
@@ -304,17 +336,26 @@ class RingSystem:
 
     def _read(self, point: Point) -> tuple[RingExtension, Sequence[Law]]:
         """The effects of a point as extension and laws of the ring."""
-        if not point.effects:
-            return NO_EXTENSION, ()
         key = tuple((name, *values.items()) for name, values in point.effects.items())
         if key not in self._kept:
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
             effects = rig_dimensions.without_dimensions(point).effects
             self._kept[key] = (
-                catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
+                waved(catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
+                      self.raceways),
                 catalogue_of_effects.laws_of(effects))
         return self._kept[key]
+
+
+def waved(extension: RingExtension, raceways: Raceways) -> RingExtension:
+    """The extension on a ring whose raceways wave."""
+    if not any(map(any, raceways)):
+        return extension
+    rows = (extension.upper_row, extension.lower_row, extension.radial_row)
+    upper, lower, radial = (
+        row.beside(waves) for row, waves in zip(rows, raceways, strict=True))
+    return replace(extension, upper_row=upper, lower_row=lower, radial_row=radial)
 
 
 def _beside(per_newton: Array) -> Array:

@@ -1,0 +1,159 @@
+"""Waves of the raceways of a ring, estimated from the tests of one session.
+
+Raceways of a real ring wave by tens of micrometres. Its rollers touch one after the other, so that
+a cause moves the ring otherwise than it moves one of equal gaps. No nuisance parameter of first
+order describes this. The amplitudes of the waves are therefore fitted together with the contact
+law. One session determines a few combinations of them, which are those that move this ring under
+these loads; a prior keeps the others small.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from saddlering_ros.diagnosis.ring_system import (
+    along_tangents,
+    Candidate,
+    RingSystem,
+    WAVE_SPREAD,
+    waved,
+)
+from saddlering_ros.discrepancy import Estimate, RunBlocks
+from saddlering_ros.effects.extension import NO_EXTENSION
+from saddlering_ros.estimation.least_squares import LazyAnswer, minimise
+from saddlering_ros.estimation.process import Array
+from saddlering_ros.progress import Watch
+from saddlering_ros.quantities import quantity
+from saddlering_ros.rig import PARAMETER_NAMES
+
+REACH = 5.0
+"""Largest amplitude in `WAVE_SPREAD`."""
+
+WAVES = 16
+"""Amplitudes of a row: cosine and sine of one to eight maxima. Shorter waves are like unequal
+rollers, which are nuisance parameters."""
+
+TOLERANCES = (0.03, 0.01)
+"""Errors of the model as shares of range, in turn: the fit by the first one is near the waves that
+the second one determines. By the second one at once, a ring of two kept a wrong contact law."""
+
+FIRST = 0.05
+"""First amplitudes in `WAVE_SPREAD`, of both signs: at 0 the sine of a wave has no slope."""
+
+STEP = 1e-3
+"""Step of a sensitivity, in the range of a contact parameter or in `WAVE_SPREAD`."""
+
+EVEN = 0.02
+"""Misfit as a share of range up to which raceways count as even. Other errors of dirty rings leave
+1.6 % of delta_y. Waves of 2 um leave 2 to 3 %, and moved sizes by up to four deviations."""
+
+EXPLAINED = 0.5
+"""Share of this misfit that is left at most, if waves are its cause."""
+
+
+def with_raceways(
+    system: RingSystem, runs: Sequence[RunBlocks], contact: Mapping[str, Estimate], watch: Watch,
+) -> tuple[RingSystem, dict[str, Estimate]]:
+    """The ring with the waves that its runs show, and its contact law, whose errors are not known.
+
+    contact: the law of a ring with even raceways. Both stay as they are where this law fits, or
+    where waves do not explain why it does not.
+    """
+    even = _Session(system, runs)
+    law = np.array([contact[name].value for name in PARAMETER_NAMES])
+    misfit = even.largest_misfit((law, NO_EXTENSION))
+    if misfit <= EVEN:
+        return system, dict(contact)
+    watch.progress('waves of the raceways', 0.0)
+    point = even.fitted(watch)
+    law, extension = even.candidate(point)
+    if even.largest_misfit((law, extension)) > EXPLAINED * misfit:
+        return system, dict(contact)
+    raceways = even.raceways_at(point)
+    return replace(system, raceways=raceways, _kept={}), {
+        name: replace(contact[name], value=float(value), std=math.nan)
+        for name, value in zip(PARAMETER_NAMES, law, strict=True)}
+
+
+def raceway_notes(system: RingSystem) -> list[str]:
+    """A note on the waves of a ring, if it has any."""
+    if not any(map(any, system.raceways)):
+        return []
+    upper, lower, radial = (
+        quantity(math.hypot(*waves) / math.sqrt(2.0), 'm', digits=2) for waves in system.raceways)
+    return [f'the raceways wave by {upper}, {lower} and {radial} (rms in the upper, lower and '
+            'radial row) as far as the earlier session shows: the contact law before is fitted '
+            'with these waves, and has no interval']
+
+
+@dataclass(frozen=True)
+class _Session:
+    """Runs of an even ring. A point has its contact law, then amplitudes in `WAVE_SPREAD`."""
+
+    system: RingSystem
+    runs: Sequence[RunBlocks]
+
+    def fitted(self, watch: Watch) -> Array:
+        """The point that fits the increments of the probes best."""
+        # The law of even raceways is far from that of this ring, and no start.
+        law = [parameter.first_guess for parameter in self.system.base_parameters]
+        signs = (-1.0) ** np.arange(3 * WAVES)
+        point = np.concatenate([law, FIRST * signs])
+        low = np.concatenate([np.zeros(len(law)), np.full(signs.size, -REACH)])
+        prior = np.eye(point.size)[len(law):]
+        spans = np.ptp(np.hstack([run.channels for run in self.runs]), axis=1)
+        scale = np.concatenate([np.repeat(spans, run.time.size) for run in self.runs])
+        measured = np.concatenate([_about_mean(run.channels).ravel() for run in self.runs])
+        for tolerance in TOLERANCES:
+            spread = tolerance * scale
+
+            def linearised(at: Array, spread: Array = spread) -> LazyAnswer:
+                watch.check()
+                watch.advance(0.0)
+                rest = (self.predicted(self.candidate(at)) - measured) / spread
+                return LazyAnswer(
+                    np.concatenate([rest, prior @ at]),
+                    lambda: np.vstack([self.slopes(at) / spread[:, None], prior]))
+
+            point = minimise(linearised, point, low, np.where(low < 0.0, REACH, 1.0), 1.0).point
+        return point
+
+    def raceways_at(self, point: Array) -> tuple[tuple[float, ...], ...]:
+        """Waves [m] of the three rows."""
+        amplitudes = WAVE_SPREAD * point[len(self.system.base_parameters):]
+        return tuple(map(tuple, amplitudes.reshape(3, WAVES).tolist()))
+
+    def candidate(self, point: Array) -> Candidate:
+        """Contact law and raceways at a point."""
+        law = [parameter.from_unit(float(unit)) for parameter, unit in zip(
+            self.system.base_parameters, point, strict=False)]
+        return np.array(law), waved(NO_EXTENSION, self.raceways_at(point))
+
+    def predicted(self, candidate: Candidate) -> Array:
+        """Increments (n,) in all runs, each about its mean."""
+        return np.concatenate([
+            _about_mean(self.system.simulated(run, [candidate])[0]).ravel() for run in self.runs])
+
+    def slopes(self, point: Array) -> Array:
+        """Sensitivities (n, k) of these increments."""
+        steps = np.where(point > 0.5, -STEP, STEP)
+        near = along_tangents(self.system, [[
+            self.candidate(one) for one in (point, *(point + np.diag(steps)))]])
+        changes = [_about_mean(every[1:] - every[0]).reshape(steps.size, -1)
+                   for run in self.runs for every in near(run)]
+        return np.asarray((np.hstack(changes) / steps[:, None]).T)
+
+    def largest_misfit(self, candidate: Candidate) -> float:
+        """Largest rms of a coordinate of the ring, as a share of its range in a run."""
+        views = np.array([self.system.views[name] for name in ('delta_x', 'delta_y', 'gamma')])
+        shares = [
+            np.std(views @ (self.system.simulated(run, [candidate])[0] - run.channels), axis=1)
+            / np.maximum(np.ptp(views @ run.channels, axis=1), 1e-12) for run in self.runs]
+        return float(np.max(shares))
+
+
+def _about_mean(values: Array) -> Array:
+    """Values (..., N) about their mean: the zero of a probe is free."""
+    return values - values.mean(axis=-1, keepdims=True)
