@@ -10,11 +10,11 @@ import numpy as np
 
 from saddlering_ros import discrepancy
 from saddlering_ros.comparison import sessions
-from saddlering_ros.comparison.raceways import raceway_notes, with_raceways
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES, TwoSessions
 from saddlering_ros.comparison.wear import figures_of_sessions, judged_wear, MakerFigures
 from saddlering_ros.diagnosis import next_test, rig_dimensions
+from saddlering_ros.diagnosis.raceways import wave_words, with_raceways
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import elsewhere_words, place_of, title_of, value_words
@@ -22,9 +22,9 @@ from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.methods import identify
-from saddlering_ros.identification.result import Identification
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record.record import Record
@@ -173,9 +173,9 @@ def compare_records(
     earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
     identified = identify(list(before), rig, is_cancelled=is_cancelled)
-    ring, law = with_raceways(
-        RingSystem(rig), [one.run for one in earlier], law_of(identified), watch)
-    start = {name: one.value for name, one in law.items()}
+    even, law = RingSystem(rig), identified.parameters.contact.to_array()
+    ring, law = with_raceways(even, [one.run for one in earlier], law, watch)
+    start = dict(zip(PARAMETER_NAMES, law.tolist(), strict=True))
     renewed, said = renewed_between(before, after)
     system = TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed)
     diagnosis = discrepancy.diagnose_system(Problem(
@@ -184,15 +184,19 @@ def compare_records(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
-    notes += [*said, *raceway_notes(ring), *check_set([*earlier, *later], rig),
-              *diagnosis.warnings, *rig_dimensions.certificate_notes(rig, diagnosis.causes),
+    if ring is not even:
+        said.append(f'the raceways wave by {wave_words(ring)} as far as the earlier session '
+                    'shows: the contact law before is fitted with them, and has no interval')
+    notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
+              *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
-    contact = contact_of_sessions(diagnosis, system, law)
+    contact = contact_of_sessions(diagnosis, system, estimates_of(
+        law, identified.std if ring is even else np.full(law.size, math.nan)))
     differs, left = (sessions.left_between(diagnosis, fit.prediction, system)
                      for fit in (diagnosis.fits.before, diagnosis.fits.after))
     diagnosis = sessions.with_main_cause(
         replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), differs, left,
-        sessions.WAVY_DEFINITION if any(map(any, ring.raceways)) else sessions.DEFINITION)
+        sessions.DEFINITION if ring is even else sessions.WAVY_DEFINITION)
     if doubts and diagnosis.verdict != 'none':
         diagnosis = sessions.in_doubt(diagnosis)
     if not diagnosis.complete:
@@ -325,12 +329,10 @@ def _limits_alone(
             for effect in discrepancy.observed(space.with_inputs()).limits}
 
 
-def law_of(identified: Identification) -> dict[str, Estimate]:
-    """The contact parameters of an identification, with NaN where they are not determined."""
-    return {name: Estimate(float(value), float(std), PARAMETER_UNITS[name])
-            for name, value, std in zip(
-                PARAMETER_NAMES, identified.parameters.contact.to_array(), identified.std,
-                strict=True)}
+def estimates_of(law: Array, std: Array) -> dict[str, Estimate]:
+    """A contact law (6,) with standard deviations (6,), NaN where it is not determined."""
+    return {name: Estimate(value, error, PARAMETER_UNITS[name]) for name, value, error in zip(
+        PARAMETER_NAMES, law.tolist(), std.tolist(), strict=True)}
 
 
 def contact_of_sessions(

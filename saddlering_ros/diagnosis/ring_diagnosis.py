@@ -9,6 +9,7 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import records as prepared
 from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
+from saddlering_ros.diagnosis.raceways import explained_by_waves
 from saddlering_ros.diagnosis.records import build_record, DiagnosisError, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
@@ -47,7 +48,8 @@ def diagnose_ring(
         *(build_record(rig, run, held_out=False) for run in runs),
         *(build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
-    Watch('diagnose', on_progress).progress('contact parameters', 0.0)
+    watch = Watch('diagnose', on_progress, is_cancelled)
+    watch.progress('contact parameters', 0.0)
     alone = _without_causes(runs, rig, is_cancelled)
     if not isinstance(alone, str):
         parameters = parameters or alone.parameters
@@ -67,6 +69,11 @@ def diagnose_ring(
         diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = _notes(records, rig, diagnosis, law.refusal)
+    watch.progress('notes', 1.0)
+    if diagnosis.verdict == 'unknown' and not isinstance(alone, str):
+        notes += explained_by_waves(
+            system, [record.run for record in records], alone.parameters.contact.to_array(),
+            watch)
     if diagnosis.verdict == 'unknown' and _may_be_rounding(figures):
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '

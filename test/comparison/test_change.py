@@ -16,7 +16,7 @@ from saddlering_ros.comparison.change import (
     compare_records,
     ComparisonError,
     contact_of_sessions,
-    law_of,
+    estimates_of,
     renewed_between,
 )
 from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
@@ -297,7 +297,8 @@ def test_a_misfit_beyond_noise_widens_the_change_of_the_contact_law(grown, ident
     large = replace(left, slow=replace(left.slow, excess=8.0 * left.slow.dimensions))
     with one_blas_thread():  # As it was compared, to the last digit.
         wider = contact_of_sessions(
-            replace(grown.diagnosis, residual_after=large), system, law_of(identified))
+            replace(grown.diagnosis, residual_after=large), system, estimates_of(
+                identified.parameters.contact.to_array(), identified.std))
     for name, (_, _, change) in grown.contact.items():
         assert wider[name][2].value == pytest.approx(change.value, rel=1e-9)
         assert wider[name][2].std == pytest.approx(3.0 * change.std)
@@ -315,7 +316,8 @@ def test_a_change_that_leaves_the_bounds_is_not_determined(grown, identified):
     stiff = replace(grown.diagnosis, fits=replace(fits, metric=replace(
         fits.metric, problem=fits.metric.problem.with_runs(runs))))
     with one_blas_thread():
-        contact = contact_of_sessions(stiff, system, law_of(identified))
+        contact = contact_of_sessions(stiff, system, estimates_of(
+                identified.parameters.contact.to_array(), identified.std))
     for name, (before, after, change) in contact.items():
         assert before.value == grown.contact[name][0].value
         assert math.isnan(after.std)
