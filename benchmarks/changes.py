@@ -37,7 +37,6 @@ from saddlering_ros.comparison import change
 from saddlering_ros.comparison.change import Change
 
 TESTS = ('static_50', 'dynamic_50', 'static_70')
-Gap = Callable[[Array], Array]
 LATER, UNCHANGED = 40, 400
 """Number of the first bag of a later session: a quarter of an hour each."""
 
@@ -49,7 +48,8 @@ class Pair:
     """One pair of sessions: what was hidden, the verdict, the size of a right first cause.
 
     seed: of the ring; twin: whether the noise has the opposite sign; gain: how much lower the
-    median limit of the change is than that of the later session alone, 0 if not computed.
+    median limit of the change is than that of the later session alone, 0 if not computed; waves:
+    rms [um] on each raceway.
     """
 
     kind: str
@@ -65,6 +65,7 @@ class Pair:
     std: float = 0.0
     gain: float = 0.0
     seconds: float = 0.0
+    waves: float = 0.0
 
     @property
     def is_established(self) -> bool:
@@ -91,7 +92,7 @@ def wavy(fault: Fault, seed: int, rms: float) -> Fault:
     draw = np.random.default_rng([seed, 27])
     maxima = np.arange(1, 17)
 
-    def gap(more: Gap | None) -> Gap:
+    def gap(more: Callable[[Array], Array] | None) -> Callable[[Array], Array]:
         sizes, phases = draw.standard_normal(16) / maxima, draw.uniform(0.0, 2.0 * np.pi, 16)
         sizes *= 1e-6 * rms / np.sqrt(0.5 * sizes @ sizes)
         return lambda phi: sizes @ np.cos(maxima[:, None] * phi + phases[:, None]) + (
@@ -102,7 +103,7 @@ def wavy(fault: Fault, seed: int, rms: float) -> Fault:
 
 
 def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path,
-            waves: float = 0.0) -> list:
+            waves: float) -> list:
     """The bags of one session of the ring of a seed, read; draw: of the noise."""
     ring, _ = draw_ring(seed)
     fault = dirty_fault(hidden, seed)
@@ -114,7 +115,7 @@ def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, fold
 
 
 def compared(
-    seed: int, hidden: Hidden, noise: Noise, draw: int, later: int, waves: float = 0.0,
+    seed: int, hidden: Hidden, noise: Noise, draw: int, later: int, waves: float,
 ) -> Change:
     """The comparison of two sessions of a ring; the hidden cause is in the later one."""
     with tempfile.TemporaryDirectory() as folder:
@@ -124,9 +125,10 @@ def compared(
 
 
 @cache
-def limits(seed: int) -> dict[str, float]:
+def limits(seed: int, waves: float) -> dict[str, float]:
     """The smallest change of each cause that is named, from an unchanged pair of a ring."""
-    found = compared(seed, hidden_in('', seed), draw_ring(seed)[1], seed, UNCHANGED)
+    found = compared(seed, hidden_in('', seed), draw_ring(seed)[1], seed, UNCHANGED,
+                     waves)
     return {item.effect: max(item.limit, item.material_limit)
             for item in found.diagnosis.observability.limits}
 
@@ -145,7 +147,8 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool, waves: flo
            'tilt_friction': ring.friction_tilt.total}.get(effect, 0.0)
     if kind == 'near':
         times = np.random.default_rng([seed, 21, MAIN.index(effect)]).uniform(0.8, 1.5)
-        part = float(times * limits(seed)[effect] + own) / abs(size_of(hidden_in(effect, seed)))
+        wanted = float(times * limits(seed, waves)[effect] + own)
+        part = wanted / abs(size_of(hidden_in(effect, seed)))
     if twin:
         noise = replace(noise, load=-noise.load, probe=-noise.probe, slow=-noise.slow)
     hidden = hidden_in(effect, seed, part)
@@ -160,7 +163,7 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool, waves: flo
                 [list(cause.group) for cause in causes],
                 any(cause.partial for cause in causes), size_of(hidden) - own,
                 size.value if size else 0.0, size.std if size else 0.0,
-                float(np.median(ratios)) if ratios else 0.0, clock.process_time() - began)
+                float(np.median(ratios)) if ratios else 0.0, clock.process_time() - began, waves)
 
 
 def plan(kind: str, seed: int, pairs: int) -> list[tuple[int, int, str, bool]]:
@@ -218,16 +221,18 @@ def main() -> None:
                      limits=False, waves=0.0, out=Path('out/changes.jsonl'), table=False)
     if not args.limits:
         change._limits_alone = lambda *_: {}
-    known = {(row['kind'], row['number'], row['seed'], row['twin']) for row in kept_rows(args.out)}
+    known = {(row['kind'], row['number'], row['seed'], row['twin'], row.get('waves', 0.0))
+             for row in kept_rows(args.out)}
     for number, seed, effect, twin in () if args.table else plan(args.kind, args.seed, args.pairs):
-        if (args.kind, number, seed, twin) in known:
+        if (args.kind, number, seed, twin, args.waves) in known:
             continue
         pair = trial(args.kind, number, seed, effect, twin, args.waves)
         keep(args.out, asdict(pair))
         print(f'{pair.kind} {seed} {effect or "none"}{" twin" if twin else ""}: {pair.verdict} '
               f'{pair.groups}', f'{pair.error:+.2f} std' if pair.has_size else '',
               f'{pair.seconds:.0f} s', flush=True)
-    report([Pair(**row) for row in kept_rows(args.out)])
+    report([pair for pair in (Pair(**row) for row in kept_rows(args.out))
+            if pair.waves == args.waves])
 
 
 if __name__ == '__main__':
