@@ -108,7 +108,8 @@ class Recorder(StreamingNode):
                           if node and abs(degrees - elevation) > ELEVATION_TOLERANCE_DEG)
         note = '; '.join(f'the bag states {what}, and nodes meanwhile had another: {nodes}' for
                          what, nodes in ((said, others), (f'{elevation:g} deg', apart)) if nodes)
-        facts.update({'recorder_note': note} if note else {})
+        if note:
+            facts['recorder_note'] = note
         return note
 
     def keep_as_incomplete(self) -> Path:
