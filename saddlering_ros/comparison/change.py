@@ -173,8 +173,8 @@ def compare_records(
     earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
     identified = identify(list(before), rig, is_cancelled=is_cancelled)
-    even, law = RingSystem(rig), identified.parameters.contact.to_array()
-    ring, law = with_raceways(even, [one.run for one in earlier], law, watch)
+    ring, law = with_raceways(RingSystem(rig), [one.run for one in earlier],
+                              identified.parameters.contact.to_array(), watch)
     start = dict(zip(PARAMETER_NAMES, law.tolist(), strict=True))
     renewed, said = renewed_between(before, after)
     system = TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed)
@@ -184,19 +184,19 @@ def compare_records(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
-    if ring is not even:
+    if ring.raceways:
         said.append(f'the raceways wave by {wave_words(ring)} as far as the earlier session '
                     'shows: the contact law before is fitted with them, and has no interval')
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
     contact = contact_of_sessions(diagnosis, system, estimates_of(
-        law, identified.std if ring is even else np.full(law.size, math.nan)))
+        law, np.full(law.size, math.nan) if ring.raceways else identified.std))
     differs, left = (sessions.left_between(diagnosis, fit.prediction, system)
                      for fit in (diagnosis.fits.before, diagnosis.fits.after))
     diagnosis = sessions.with_main_cause(
         replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), differs, left,
-        sessions.DEFINITION if ring is even else sessions.WAVY_DEFINITION)
+        sessions.WAVY_DEFINITION if ring.raceways else sessions.DEFINITION)
     if doubts and diagnosis.verdict != 'none':
         diagnosis = sessions.in_doubt(diagnosis)
     if not diagnosis.complete:

@@ -224,6 +224,7 @@ def with_main_cause(
     """The verdict by what differs between the sessions, `left` of it beside the causes.
 
     definition: uncertainty of the size of a cause by its definition, as a share.
+
     A misfit that both sessions have is no change. The one cause is established if it takes nearly
     all of the power of the difference. The rest may be a part of this cause: its share of the
     change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80

@@ -8,7 +8,7 @@ these loads; a prior keeps the others small.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -44,8 +44,8 @@ FIRST = 0.05
 STEP = 1e-3
 """Step of a sensitivity, in the range of a contact parameter or in `WAVE_SPREAD`."""
 
-EVEN = 0.02
-"""Misfit as a share of range up to which raceways count as even. Other errors of dirty rings leave
+NO_WAVES = 0.02
+"""Misfit as a share of range up to which no waves are fitted. Other errors of dirty rings leave
 1.6 % of delta_y. Waves of 2 um leave 2 to 3 %, and moved sizes by up to four deviations."""
 
 EXPLAINED = 0.5
@@ -61,19 +61,19 @@ def with_raceways(
 ) -> tuple[RingSystem, Array]:
     """The ring with the waves that its runs show, and the contact law (6,) beside them.
 
-    law: that of a ring with even raceways. Ring and law stay as they are where this law fits, or
+    law: that of the ring without waves. Ring and law stay as they are where this law fits, or
     where waves do not explain why it does not.
     """
-    even = _Session(system, runs)
-    misfit = even.largest_misfit((law, NO_EXTENSION))
-    if misfit <= EVEN:
+    session = _Session(system, runs)
+    misfit = session.largest_misfit((law, NO_EXTENSION))
+    if misfit <= NO_WAVES:
         return system, law
     watch.progress('waves of the raceways', watch.share)
-    point = even.fitted(watch)
-    candidate = even.candidate(point)
-    if even.largest_misfit(candidate) > EXPLAINED * misfit:
+    point = session.fitted(watch)
+    candidate = session.candidate(point)
+    if session.largest_misfit(candidate) > EXPLAINED * misfit:
         return system, law
-    return replace(system, raceways=even.raceways_at(point), _kept={}), candidate[0]
+    return RingSystem(system.rig, raceways=session.raceways_at(point)), candidate[0]
 
 
 def wave_words(system: RingSystem) -> str:
@@ -85,30 +85,31 @@ def wave_words(system: RingSystem) -> str:
 
 def explained_by_waves(
     system: RingSystem, runs: Sequence[RunBlocks], law: Array, watch: Watch) -> list[str]:
-    """A note if waves explain nearly all misfit of even raceways, in held-out runs as well."""
+    """A note if waves explain nearly all of the misfit, of held-out runs as well."""
     fitted = [run for run in runs if not run.held_out]
     wavy, beside = with_raceways(system, fitted, law, watch)
-    if wavy is system:
+    if not wavy.raceways:
         return []
     session = _Session(system, runs)
     before, after = (session.largest_misfit(candidate) for candidate in (
         (law, NO_EXTENSION), (beside, waved(NO_EXTENSION, wavy.raceways))))
-    return [f'waves of the raceways of {wave_words(wavy)} would leave at most {percent(after)} of '
-            f'the range of a coordinate, even raceways leave {percent(before)}: one session does '
-            'not part waves from causes; compare it with an earlier one (saddlering compare)'
+    return [f'waves of the raceways of {wave_words(wavy)} explain most of the misfit, which is at '
+            f'most {percent(after)} of the range of a coordinate with these waves and '
+            f'{percent(before)} without them: one session does not part waves from causes; '
+            'compare the session with an earlier one (saddlering compare)'
             ] if after <= NEARLY_ALL * before else []
 
 
 @dataclass(frozen=True)
 class _Session:
-    """Runs of an even ring. A point has its contact law, then amplitudes in `WAVE_SPREAD`."""
+    """Runs of a ring. A point of the fit: contact law, then amplitudes in `WAVE_SPREAD`."""
 
     system: RingSystem
     runs: Sequence[RunBlocks]
 
     def fitted(self, watch: Watch) -> Array:
         """The point that fits the increments of the probes best."""
-        # The law of even raceways is far from that of this ring, and no start.
+        # The law that was fitted without waves is far from that of this ring, and no start.
         law = [parameter.first_guess for parameter in self.system.base_parameters]
         signs = (-1.0) ** np.arange(3 * WAVES)
         point = np.concatenate([law, FIRST * signs])

@@ -52,7 +52,8 @@ KEPT_POINTS = 4096
 
 
 Raceways = tuple[tuple[float, ...], ...]
-"""Waves [m] of the gaps in the upper, the lower and the radial row, as in `RowGeometry.waves`."""
+"""Waves [m] of the gaps in the upper, the lower and the radial row, as in `RowGeometry.waves`; or
+none."""
 
 Candidate = tuple[Array, RingExtension]
 """A contact law (6,) and an extension of the ring."""
@@ -109,12 +110,12 @@ class RingSystem:
     """The engine's `System` for one rig.
 
     bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
-    differs from the file; raceways: waves of the raceways that are known.
+    differs from the file; raceways: waves that are known.
     """
 
     rig: Rig
     bounds_rig: Rig | None = None
-    raceways: Raceways = ((), (), ())
+    raceways: Raceways = ()
     _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -250,13 +251,13 @@ class RingSystem:
                 runs, blocks, self._load_noise(runs, points), known, strict=True)]
 
     def _wave_columns(self, run: RunBlocks, point: Point) -> Array:
-        """Changes (C, N, k) by one standard deviation of each wave; none for even raceways."""
-        usual, even = self.extension(point), np.zeros((3, max(map(len, self.raceways))))
-        if not even.size:
+        """Changes (C, N, k) by one standard deviation of each wave; none without waves."""
+        if not self.raceways:
             return np.empty((*run.channels.shape, 0))
+        usual, flat = self.extension(point), np.zeros((3, max(map(len, self.raceways))))
         others = []
-        for place in np.ndindex(even.shape):
-            wave = even.copy()
+        for place in np.ndindex(flat.shape):
+            wave = flat.copy()
             wave[place] = WAVE_STEP
             others.append((point.base, waved(usual, tuple(map(tuple, wave.tolist())))))
         [every] = along_tangents(self, [[(point.base, usual), *others]])(run)
@@ -349,8 +350,8 @@ class RingSystem:
 
 
 def waved(extension: RingExtension, raceways: Raceways) -> RingExtension:
-    """The extension on a ring whose raceways wave."""
-    if not any(map(any, raceways)):
+    """The extension on a ring with these waves."""
+    if not raceways:
         return extension
     rows = (extension.upper_row, extension.lower_row, extension.radial_row)
     upper, lower, radial = (

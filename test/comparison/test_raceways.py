@@ -69,7 +69,7 @@ def test_a_note_tells_waves_only_if_they_explain_the_held_out_run(even):
     held = replace(dynamic, held_out=True)
     [note] = explained_by_waves(RingSystem(RIG), [static, held], contact, Watch('diagnose'))
     assert note.startswith('waves of the raceways of ')
-    assert 'compare it with an earlier one' in note
+    assert 'compare the session with an earlier one' in note
     held = replace(held, channels=-held.channels)
     assert explained_by_waves(
         RingSystem(RIG), [static, held], contact, Watch('diagnose')) == []
