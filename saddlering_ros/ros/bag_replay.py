@@ -124,7 +124,6 @@ class ReplayNode(BagNode):
             self.get_logger().warning(f'{record.path}: {note}')
         absent = absent_topic(self._rig)
         self._replayed = [record[name] for name in record if name != absent]
-        self._places = [0] * len(self._replayed)
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = 0
@@ -149,9 +148,8 @@ class ReplayNode(BagNode):
         before, self._now = self._now, now
         is_jump = before == 0 or now < before or now - before > JUMP
         self._jumps += is_jump and before != 0
-        for number, (raw, flow) in enumerate(zip(self._replayed, self.outputs, strict=True)):
-            start, stop = self._places[number], int(np.searchsorted(raw.stamps, now, side='right'))
-            self._places[number] = stop
+        for raw, flow in zip(self._replayed, self.outputs, strict=True):
+            start, stop = np.searchsorted(raw.stamps, (before, now), side='right').tolist()
             if is_jump or start == stop:
                 continue
             if start // BLOCK != stop // BLOCK:
@@ -184,7 +182,7 @@ class ReplayNode(BagNode):
         if not self._now:
             return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                               figures)
-        if all(place >= len(raw) for place, raw in zip(self._places, self._replayed, strict=True)):
+        if all((raw.stamps[-1:] <= self._now).all() for raw in self._replayed):
             return TaskStatus(OK, 'all messages are published', figures)
         silent = time.monotonic() - self._heard
         if silent > 2.0:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.doubts.readings import unit_outside
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
+from saddlering_ros.ros.parameters import NodeWithSettings
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
@@ -232,7 +233,9 @@ class Events:
         return TaskStatus(OK, f'nothing lost, late or dropped{earlier}', figures)
 
 
-def to_message(node: Any, statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
+def to_message(
+    node: NodeWithSettings, statuses: Iterable[tuple[str, TaskStatus]],
+) -> DiagnosticArray:
     """The statuses of a node's tasks as /diagnostics wants them.
 
     They carry the node's full name, at the root without slash; no hardware_id: the namespace's.

@@ -8,9 +8,10 @@ import math
 import os
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, Protocol
 
 from rcl_interfaces import msg
+from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.utilities import remove_ros_args
@@ -96,7 +97,21 @@ TRUST_RIG = NodeParameter(
     'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
 
 
-def refuse_other_rig(node: Any, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig) -> None:
+class NodeWithSettings(Protocol):
+    """A node, and the values of its declared parameters."""
+
+    settings: dict[str, Any]
+
+    def get_name(self) -> str: ...
+
+    def get_namespace(self) -> str: ...
+
+    def get_clock(self) -> Clock: ...
+
+
+def refuse_other_rig(
+    node: NodeWithSettings, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig,
+) -> None:
     """NodeError if `refuse` finds that another rig than the node's is stated.
 
     A node with trust_rig does not look. The remedy names parameters, not arguments of the API.
@@ -274,7 +289,7 @@ def _as_ros_reads(file: str) -> str:
     return f'/proc/self/fd/{place}'
 
 
-def root_folder(node: Any, parameter: str, default: Path) -> Path:
+def root_folder(node: NodeWithSettings, parameter: str, default: Path) -> Path:
     """The folder of a parameter in `settings`, or `default`; NodeError if it is not there."""
     given = node.settings[parameter]
     root = Path(given).expanduser() if given else default
