@@ -216,48 +216,42 @@ def averaged_counts(size: int) -> tuple[int, ...]:
                  if size // count >= 2)
 
 
-def running_total(values: Array) -> Array:
-    """Sums (N + 1,) of the first values of (N,)."""
-    return np.concatenate([[0.0], np.cumsum(values)])
-
-
 class RowTotals:
     """Running totals of rows (n_i,), all in one array, for Allan variances over all of them."""
 
     def __init__(self, rows: Sequence[Array]) -> None:
         self.sizes = np.array([row.size for row in rows], dtype=np.intp)
         self._ends = np.cumsum(self.sizes)
-        self._total = running_total(np.concatenate(rows))
+        self._total = np.concatenate([[0.0], np.cumsum(np.concatenate(rows))])
 
-    def weighted_variance(
+    def variances(
         self, count: int, among: NDArray[np.bool_] | None = None
-    ) -> tuple[float, int]:
-        """Sum of the Allan variances of the rows, weighted by their numbers of differences.
+    ) -> tuple[NDArray[np.bool_], Array]:
+        """Mask (R,) of the rows used, and their Allan variances at means over `count` values.
 
-        The second result is the number of all differences. The means are over `count` values.
-        among (R,): mask of the rows used; a row shorter than two means is never used.
+        among (R,): mask of those that may be used; a row shorter than two means is never used.
         """
         used = self.sizes // count >= 2
         if among is not None:
             used &= among
         if not used.any():
-            return 0.0, 0
+            return used, np.zeros(0)
         means = (self._total[count:] - self._total[:-count]) / count
         squares = np.append((means[count:] - means[:-count]) ** 2, 0.0)
         starts = self._ends[used] - self.sizes[used]
         stops = self._ends[used] - 2 * count + 1
         sums = np.add.reduceat(squares, np.column_stack([starts, stops]).ravel())[::2]
+        return used, 0.5 * sums / (stops - starts)
+
+    def weighted_variance(
+        self, count: int, among: NDArray[np.bool_] | None = None
+    ) -> tuple[float, int]:
+        """Sum of `variances` weighted by the numbers of differences of the rows, and their sum."""
+        used, variances = self.variances(count, among)
         differences = self.sizes[used] // count - 1
-        variances = 0.5 * sums / (stops - starts)
         return float(differences @ variances), int(differences.sum())
 
     def pooled_variance(self, count: int) -> tuple[float, int]:
         """Allan variance of all rows at means over `count` values, and its differences."""
         weighted, pairs = self.weighted_variance(count)
         return (weighted / pairs if pairs else np.nan), pairs
-
-
-def allan_variances_of(totals: Array, count: int) -> Array:
-    """Allan variances (rows,) of means over `count` values, from running totals (rows, N)."""
-    means = (totals[:, count:] - totals[:, :-count]) / count
-    return np.asarray(0.5 * np.mean((means[:, count:] - means[:, :-count]) ** 2, axis=1))

@@ -319,8 +319,13 @@ def common_noise(
     kinds = (
         [a + b for a, b in zip(first, second, strict=True)],
         [a - b for a, b in zip(first, second, strict=True)], first, second)
-    of_sum, of_difference, of_first, of_second = (
-        np.sum(share * _variances(kind, counts, pairs), axis=0) for kind in kinds)
+    means = []
+    for totals in map(process.RowTotals, kinds):
+        means.append(np.zeros(counts.size))
+        for column, count in enumerate(counts.tolist()):
+            used, variances = totals.variances(count)
+            means[-1][column] = share[used, column] @ variances
+    of_sum, of_difference, of_first, of_second = means
     common, freedom = 0.25 * (of_sum - of_difference), pairs.sum(axis=0)
     error = np.maximum(np.sqrt((of_first * of_second + common**2) / freedom), 1e-300)
     columns = allan_columns(counts * step, COMMON_TIMES)
@@ -333,15 +338,3 @@ def common_noise(
     likelihood /= likelihood.sum()
     return ChannelNoise(float(likelihood @ amounts[:, 0]), likelihood * amounts[:, 1], 0.0,
                         int(freedom[0]), COMMON_TIMES)
-
-
-def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
-    """Allan variances (rows, counts); 0 where a row is too short."""
-    variances = np.zeros(pairs.shape)
-    lengths = np.array([len(row) for row in rows])
-    for length in np.unique(lengths):
-        alike = np.flatnonzero(lengths == length)
-        totals = np.stack([process.running_total(rows[index]) for index in alike.tolist()])
-        for column in np.flatnonzero(pairs[alike[0]]):
-            variances[alike, column] = process.allan_variances_of(totals, int(counts[column]))
-    return variances
