@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 import re
 
@@ -14,6 +15,7 @@ from saddlering_ros.bags import folder, wire
 from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
+from saddlering_ros.doubts.readings import ELEVATION_TOLERANCE_DEG
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import first_of
 from saddlering_ros.record.record import KEYS, METADATA_RECORD, same_text, TestMetadata
@@ -72,6 +74,8 @@ class Scan:
     message_count: int = 0
     size: int = 0
     contradictions: list[str] = field(default_factory=list)
+    elevations: dict[str, float] = field(default_factory=dict)
+    """The last elevation [deg] that each topic of displacements of nodes states."""
 
     @property
     def path(self) -> Path:
@@ -89,6 +93,12 @@ class Scan:
             notes.append(f'not read, because metadata.yaml does not list them: '
                          f'{first_of(names, ", ")}; "ros2 bag reindex" lists every file, if '
                          'they belong to this test')
+        stated = math.nan if self.facts.elevation_deg is None else self.facts.elevation_deg
+        apart = [f'{name} ({degrees:.2f} deg)' for name, degrees in sorted(self.elevations.items())
+                 if abs(degrees - stated) > ELEVATION_TOLERANCE_DEG]
+        if apart and 'recorder_note' not in self.facts.details:
+            notes.append(f'the bag states {stated:g} deg, and nodes meanwhile had another: '
+                         f'{", ".join(apart)}')
         return tuple(notes)
 
     @property
@@ -182,6 +192,12 @@ def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collecti
         topic.types.add(channel.type)
         topic.count += len(messages)
         result.unpacked += len(messages) * MESSAGE_HEAD
+        if channel.type == wire.DISPLACEMENT_TYPE and len(messages) and not (
+                result.directory.message_compression):
+            with suppress(CdrError):
+                last = wire.decode_records(block.data, messages.starts[-1:], messages.sizes[-1:],
+                                           channel.type, ('elevation',))
+                result.elevations[channel.topic] = math.degrees(last.fields['elevation'][0])
         if channel.topic not in topics:
             continue
         result.unpacked += int(messages.sizes.sum())

@@ -10,18 +10,39 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags.reader import bag_info, read_run
+from saddlering_ros.bags.wire import DISPLACEMENT_TYPE, encode
+from saddlering_ros.bags.write import BagWriter, MessageBlock, messages_of
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
 SPANS = [(0.0, 2e-3)] * 4
 TIME = np.arange(0.0, 10.0, 0.01)
 RAMP = RIG.preload + 24.0 * TONNE * np.clip(1.2 - np.abs(TIME - 5.0) / 2.5, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(('degrees', 'note', 'said'), [
+    (50.0, '', 0), (70.0, '', 1), (70.0, 'the recorder said so', 0), (math.nan, '', 0)])
+def test_an_older_bag_whose_nodes_had_another_elevation_has_a_note(
+        recording, tmp_path, degrees, note, said):
+    text = Path(__file__).parents[2] / 'saddlering_interfaces' / 'msg' / 'RingDisplacement.msg'
+    topics = {topic: TOPICS[topic].type for topic in recording.stamps}
+    stamps = recording.stamps[LOAD_TOPIC]
+    with BagWriter(tmp_path / 'bag', topics | {'/ring/displacement': DISPLACEMENT_TYPE},
+                   recording.facts | {'recorder_note': note},
+                   definitions={DISPLACEMENT_TYPE: text.read_text()}) as writer:
+        writer.write([
+            *(messages_of(TOPICS[topic], recording.stamps[topic], recording.values[topic],
+                          (0.0, 2e-3)) for topic in topics),
+            MessageBlock('/ring/displacement', stamps, encode(DISPLACEMENT_TYPE, 'ring', stamps, {
+                'elevation': math.radians(degrees)}))])
+    words = 'the bag states 50 deg, and nodes meanwhile had another: /ring/displacement (70.00 deg'
+    assert sum(words in one for one in bag_info(tmp_path / 'bag').notes) == said
 
 
 def test_a_sound_ramp_has_no_note():
