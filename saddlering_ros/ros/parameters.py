@@ -1,6 +1,6 @@
 """Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -19,7 +19,7 @@ import yaml
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
-from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig
+from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, short_digest
 from saddlering_ros.rig.description import rig_from_parameters
 from saddlering_ros.rig.drawing import dotted, ENTRIES, entry_values
 from saddlering_ros.rig.instruments import instruments_from
@@ -191,8 +191,12 @@ def declare_rig(node: Node) -> Rig:
     if not is_given:
         nested = unfold(nested | defaults, where, NodeError)
     rig = rig_from_parameters(nested, where)
-    return rig if is_given else replace(
-        rig, instruments=project.instruments, wear_limits=project.wear_limits)
+    if not is_given:
+        rig = replace(rig, instruments=project.instruments, wear_limits=project.wear_limits)
+    node.get_logger().info(f'rig {short_digest(rig.digest)}: ' + (
+        'that of its parameters' if is_given else
+        f'{project.source or "the shipped one"}, because no parameter rig.* is given'))
+    return rig
 
 
 def rig_words(name: str) -> str:
@@ -249,6 +253,31 @@ def strict_arguments(arguments: Sequence[str]) -> list[str]:
     for word in remove_ros_args(['', *words])[1:]:
         raise NodeError(f'{word} is not read: give --ros-args -p NAME:=VALUE')
     return words
+
+
+def unaddressed(arguments: Sequence[str], node: str) -> list[str]:
+    """A warning on each parameter file of a command line with no section for a node (full name).
+
+    ROS takes nothing of such a file, and says nothing.
+    """
+    warnings = []
+    for file in [word for option, word in pairwise(arguments) if option == '--params-file']:
+        sections = sorted(_sections(read_strict_yaml(file, NodeError)))
+        forms = [re.escape(name).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]+')
+                 for name in sections]
+        if sections and not any(re.fullmatch(form, node) for form in forms):
+            warnings.append(f'nothing of {file} is used: it has sections for '
+                            f'{", ".join(sections)} and none for {node}: name this node or /**')
+    return warnings
+
+
+def _sections(document: Any, name: str = '') -> Iterator[str]:
+    """Full names of nodes, with wildcards, that have a section in a parameter file."""
+    for key, section in document.items() if isinstance(document, Mapping) else ():
+        if key == 'ros__parameters':
+            yield name
+        else:
+            yield from _sections(section, f'{name}/{str(key).strip("/")}')
 
 
 def _with_equal_numbers(section: Any) -> bool:

@@ -117,7 +117,6 @@ class RigAgreement:
             {message.node: message.rig_hash}), LATCHED_BY_SEVERAL)
         self._publisher.publish(RigIdentity(
             node=node.get_fully_qualified_name(), rig_hash=self.digest))
-        node.get_logger().info(f'rig {short_digest(self.digest)}')
 
     def report(self, elapsed: float) -> TaskStatus:
         there = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'

@@ -333,8 +333,9 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         if node is not None:
             node.done = True
 
+    given = sys.argv[1:] if args is None else args
     try:
-        words = parameters.strict_arguments(sys.argv[1:] if args is None else args)
+        words = parameters.strict_arguments(given)
         domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
         launcher.prepare_middleware()
         for number in SIGNALS:
@@ -342,6 +343,8 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         rclpy.init(args=['', *words], signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
+        for warning in parameters.unaddressed(given, node.get_fully_qualified_name()):
+            node.get_logger().warning(warning)
         crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:
             node.get_logger().error(crowded)

@@ -68,6 +68,26 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
 
 
 ROS_ARGS = '--ros-args'
+
+
+def test_a_node_says_which_rig_it_has_and_which_parameter_file_is_of_another_node(
+        tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    ended = []
+    for name in ('ring_simulater', '/**/ring_simulator', 'rig1/ring_simulator', '/*'):
+        file.write_text(f'{name}: {{ros__parameters: {{rig: {{}}}}}}\n')
+        ended.append(parameters.unaddressed([ROS_ARGS, '--params-file', str(file)],
+                                            '/ring_simulator'))
+    assert [len(warnings) for warnings in ended] == [1, 0, 1, 0]
+    assert ended[0][0].endswith('it has sections for /ring_simulater and none for '
+                                '/ring_simulator: name this node or /**')
+    file.write_text(yaml.safe_dump({'nobody': {'ros__parameters': {'rate': 2.0}}}))
+    [(_, said)] = endings([('replay_clock', [
+        ROS_ARGS, '--params-file', str(file), '-p', f'bag:={BAG}', '-p', 'rate:=0.0'])])
+    assert 'the shipped one, because no parameter rig.* is given' in said
+    assert f'nothing of {file} is used' in said
+
+
 NOT_READ: list[tuple[list[str], str]] = [
     (['max_gap:=3.0'], 'max_gap:=3.0 is not read: give --ros-args -p NAME:=VALUE'),
     ([ROS_ARGS, '-r', 'rig/load'], "remap rule '-r rig/load' is of no use: give -r OLD:=NEW"),
