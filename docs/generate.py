@@ -37,8 +37,8 @@ TOPICS = {
                         'kept for late joiners',
     '/ring/zero_request': 'a node takes a new zero, from this stamp on',
     '/ring/alarm': 'state of the alarm, and the latched alarm; kept for late joiners',
-    '/ring/within_limits': 'true while no alarm is latched, about ten times a second, for an '
-                           'interlock',
+    '/ring/within_limits': 'true while the residual is watched, or the load rests before, and no '
+                           'alarm is latched; about ten times a second, for an interlock',
     '/replay/state': 'position and state of a replay; kept for late joiners',
     '/diagnostics': 'health of every node, once a second',
 }
