@@ -134,9 +134,7 @@ def _place_of(cause: discrepancy.Cause) -> str:
         if all(cause.parameters[name].value == value for name, value in values.items()))
 
 
-def for_residual(
-    after: discrepancy.Residual, law: discrepancy.LawProposal | None = None,
-) -> str:
+def for_residual(after: discrepancy.Residual, law: discrepancy.LawProposal | None = None) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
     Among shapes that are all within chance, the largest one is that of the noisiest channel. A

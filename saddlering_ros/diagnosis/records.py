@@ -238,8 +238,7 @@ def _steady(time: Array, load: Array, held: Sequence[tuple[int, int]]) -> Array:
         seconds, force = time[start:stop] - time[start], load[start:stop]
         place = np.arange(stop - start)
         first, last = np.maximum(place - half, 0), np.minimum(place + half + 1, stop - start)
-        means = span_means(
-            np.stack([seconds, force, seconds**2, seconds * force]), first, last)
+        means = span_means(np.stack([seconds, force, seconds**2, seconds * force]), first, last)
         slope = (means[3] - means[0] * means[1]) / np.maximum(
             means[2] - means[0] ** 2, np.finfo(float).tiny)
         steady[start:stop] = means[1] + slope * (seconds - means[0])

@@ -127,8 +127,7 @@ def neighbourhood_by_rig(
         for neighbourhood, places in parts:
             for (group, rows), values in zip(places, neighbourhood(run), strict=True):
                 answers[group][rows] = values
-        return [answer * sign[:, :, None]
-                for answer, sign in zip(answers, signs, strict=True)]
+        return [answer * sign[:, :, None] for answer, sign in zip(answers, signs, strict=True)]
 
     return predict
 

@@ -98,8 +98,7 @@ class _OpenModels:
         if not isinstance(problem.system, systems.SystemWithTangents):
             return tuple(rest)
         judged, refits = list[Separation](), 0
-        while rest and refits < MAX_REFITS and all(
-                one.alone < rest[0].alone for one in judged):
+        while rest and refits < MAX_REFITS and all(one.alone < rest[0].alone for one in judged):
             best = rest.pop(0)
             if best.proposal.as_made is None and not best.proposal.readings:
                 refits += len(self.own) * len(self.fits)

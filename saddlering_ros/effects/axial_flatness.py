@@ -21,8 +21,7 @@ class AxialFlatness(OvalGap):
     parameters = (*OvalGap.parameters, EffectParameter(
         'third', '1', -1.0, 1.0, 0.2, 0.0,
         'share of a wave with three maxima, one of them at the rear'))
-    starts = (*OvalGap.starts,
-              *({'amplitude': size, 'angle': 0.4} for size in (8e-6, -8e-6)))
+    starts = (*OvalGap.starts, *({'amplitude': size, 'angle': 0.4} for size in (8e-6, -8e-6)))
     variants = tuple(Variant(label, {'rows': rows})
                      for rows, label in zip(SIGNS, LABELS, strict=True))
     choices = (Choice('rows', tuple(SIGNS), '0 both rows alike, 1 opposite (a bent ring), 2 '

@@ -85,8 +85,7 @@ def assess(
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
-    rollers = np.concatenate(
-        objective.whiten(roller_effects(objective, best.contact)), axis=1)
+    rollers = np.concatenate(objective.whiten(roller_effects(objective, best.contact)), axis=1)
     moved = inverse @ rollers.T
     by_rollers = moved @ moved.T
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}

@@ -59,8 +59,7 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
         alone = (index == 0) | (2 * index == row.rollers)
         return np.stack([cosine, np.where(alone, 1.0, 2.0), np.full(index.size, half_gap)])
     wear = geometry.wear.profile(angle)
-    gap = (half_gap + geometry.wear.gap * wear
-           + geometry.gap_spread * mixed(row.rollers))
+    gap = half_gap + geometry.wear.gap * wear + geometry.gap_spread * mixed(row.rollers)
     for number, amplitude in enumerate(geometry.waves):
         turn = (1 + number // 2) * angle
         gap += amplitude * (np.sin(turn) if number % 2 else np.cos(turn))

@@ -309,8 +309,7 @@ class _Neighbourhood:
                 for index in moving])
         numbers = ring_model.floats(self.models)
         at_centre, aside = numbers[:1], numbers[1:][first]
-        self.law = np.ascontiguousarray(
-            (laws_of(aside) - laws_of(at_centre)).transpose(1, 2, 0))
+        self.law = np.ascontiguousarray((laws_of(aside) - laws_of(at_centre)).transpose(1, 2, 0))
         frictions, loads = FRICTIONS, LOADS
         self._friction = (aside[:, frictions] - at_centre[:, frictions]).reshape(-1, 3, 4)
         self._loaded = np.flatnonzero((aside[:, loads] != at_centre[:, loads]).any(axis=1))

@@ -77,9 +77,7 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
             for part, entry, std in quantities]
 
 
-def known_errors(
-    rig: Rig, predict: Callable[[Rig], Floats], usual: Floats
-) -> list[Floats]:
+def known_errors(rig: Rig, predict: Callable[[Rig], Floats], usual: Floats) -> list[Floats]:
     """Changes of a prediction by one standard deviation of each quantity of `known_rigs`.
 
     The changes by the square of each follow. usual (...): the prediction for `rig` itself.

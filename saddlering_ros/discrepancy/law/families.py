@@ -225,8 +225,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
         step = min(float(np.median(np.diff(run.coordinates[TIME]))) for run in runs)
         longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
         lags = np.geomspace(2.0 * step, max(0.5 * longest, 4.0 * step), LAGS)
-        shapes = tuple(
-            remembered(MEMORY, run.coordinates, lags) / (high - low) for run in runs)
+        shapes = tuple(remembered(MEMORY, run.coordinates, lags) / (high - low) for run in runs)
         blocks += [_curve(runs, RATE),
                    ShapeFamily(RATE, MEMORY, shapes, np.eye(LAGS), loads, lags)]
     blocks.append(_curve(runs, TIME))

@@ -142,8 +142,7 @@ class Among:
         return self._times(self.best, name)
 
     def _times(self, model: Model, name: str) -> float:
-        return model.visible[name] / self.errors.with_larger(
-            self.space, model.fit, ()).beside_one
+        return model.visible[name] / self.errors.with_larger(self.space, model.fit, ()).beside_one
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""
@@ -288,8 +287,7 @@ def _with_another(
     space: ModelSpace, fit: Fit, most: int | None = None, excluded: Sequence[str] = ()
 ) -> list[Fit]:
     """The model of `fit` plus each of the best effects to first order; without `most`, of all."""
-    scores = ranking.rank(
-        fit, space.tangent_of(fit).white, space.shown, excluded)
+    scores = ranking.rank(fit, space.tangent_of(fit).white, space.shown, excluded)
     return fit_each(space, fit, ranking.best_of_each(scores)[:most])
 
 

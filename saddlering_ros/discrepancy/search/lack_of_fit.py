@@ -179,8 +179,7 @@ class LackOfFitTests:
                 if p_value < CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
-                    strongest_band = FastResidual(
-                        0.0, p_value, size, view, run.name, frequency)
+                    strongest_band = FastResidual(0.0, p_value, size, view, run.name, frequency)
         return replace(strongest_band, excess=excess, powers=powers)
 
     def slow(self, fit: Fit) -> SlowResidual:

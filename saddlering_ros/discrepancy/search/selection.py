@@ -306,9 +306,7 @@ def other_places(space: ModelSpace, fit: Fit, name: str) -> tuple[Fit, ...]:
     return _as_good(space, fit, less, spaces.fit_each(space, less, scores, [fit]))
 
 
-def _as_good(
-    space: ModelSpace, fit: Fit, less: Fit, others: Sequence[Fit]
-) -> tuple[Fit, ...]:
+def _as_good(space: ModelSpace, fit: Fit, less: Fit, others: Sequence[Fit]) -> tuple[Fit, ...]:
     """Models in place of `fit` that these data leave open; less: `fit` without the member."""
     excess = max(space.slow_residual(fit).excess, 0.0) if others else 0.0
     return tuple(other for other in others if other.misfit - fit.misfit <= evidence.open_distance(
@@ -404,9 +402,7 @@ def search_beside_error(search: Search) -> Search:
     return Search(search.begun, space, fit, alternatives, log)
 
 
-def learnt_without(
-    alone: ModelSpace, search: Search, name: str, dropped: list[Array]
-) -> Search:
+def learnt_without(alone: ModelSpace, search: Search, name: str, dropped: list[Array]) -> Search:
     """The search without one cause, whose change is added to `dropped` and is model error.
 
     alone: the space without learnt model error. With cosines alone, the sharp part of what a

@@ -120,9 +120,7 @@ class SmallErrors:
         place = int(np.argmax(likelihoods))
         return Model(fit, likelihoods[place], float(SPREADS[place]), visible, joint)
 
-    def with_larger(
-        self, space: ModelSpace, fit: Fit, small: Collection[str],
-    ) -> Unequal:
+    def with_larger(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> Unequal:
         """The errors beside a fit, if some kinds are larger at the price of a choice each.
 
         small: effects whose errors are not.

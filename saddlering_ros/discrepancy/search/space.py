@@ -134,9 +134,7 @@ class ModelSpace:
         return self.once('changes', fit, lambda: self.problem.changes_of_effects(
             fit.point, fit.prediction))
 
-    def confined(
-        self, fit: Fit, name: str, least: float
-    ) -> Iterator[tuple[str, Array, Array]]:
+    def confined(self, fit: Fit, name: str, least: float) -> Iterator[tuple[str, Array, Array]]:
         """Each view, sensitivities (n, k) and prediction (n,) if an effect acted there alone.
 
         To first order. Nothing for an effect that moves other views by `least` of range at most,

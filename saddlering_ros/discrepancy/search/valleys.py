@@ -36,9 +36,7 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
     return [(effect, key[1]) for key, effect in effects.items() if key not in heard]
 
 
-def fit_from_all_over(
-    space: ModelSpace, effects: Sequence[tuple[Effect, int]]
-) -> list[Fit]:
+def fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) -> list[Fit]:
     """Each effect alone, the best of several starts; the best effect first.
 
     A start receives a few rounds if the effect has influence there.
@@ -125,9 +123,7 @@ def _apart(fits: Sequence[Fit]) -> list[Array]:
     return places
 
 
-def fit_over_growing_time(
-    space: ModelSpace, effects: Sequence[tuple[Effect, int]]
-) -> list[Fit]:
+def fit_over_growing_time(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) -> list[Fit]:
     """Each effect alone, fitted from the declared start to a growing part of each run."""
     start, single_fits = fitting.declared_start(space.problem.system.base_parameters), []
     growing = [_Start(space.metric, part) for part in GROWING]

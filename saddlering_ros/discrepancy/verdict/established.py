@@ -144,8 +144,7 @@ def wrong_inputs(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     return [wording.WRONG_INPUTS.format(wording.joined(titles))] if titles else []
 
 
-def _stopped_shapes(
-    space: spaces.ModelSpace, fit: Fit) -> list[tuple[Effect, Parameter, float]]:
+def _stopped_shapes(space: spaces.ModelSpace, fit: Fit) -> list[tuple[Effect, Parameter, float]]:
     """Every shape, or whole size, of a cause that is stopped by its bound, and this bound.
 
     It is stopped if the misfit beyond the bound would fall by more than noise and the form
@@ -285,8 +284,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
         is_beside = name == main and any(alternatives.values())
         required = MIN_TAKEN_BESIDE if is_beside else shares.required
         if shares.best < required:
-            title = (space.problem.titles[name] if name else
-                     wording.joined(space.titles_of(fit)))
+            title = space.problem.titles[name] if name else wording.joined(space.titles_of(fit))
             doubts.append(wording.weak_words(title, shares, required))
     view, least = together.worst_view
     doubts += [*([] if least >= 0.0 else [wording.WORSE_VIEW.format(view)]),

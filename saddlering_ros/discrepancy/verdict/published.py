@@ -425,8 +425,7 @@ def predicted_residuals(
     parameters without each run, where these are settled elsewhere.
     """
     if problem.held_out:
-        return [problem.simulate(run, [fit.point])[0] - run.channels
-                for run in problem.held_out]
+        return [problem.simulate(run, [fit.point])[0] - run.channels for run in problem.held_out]
     if len(problem.runs) < 2:
         return []
     metric = GainMetric.about(problem, fit)

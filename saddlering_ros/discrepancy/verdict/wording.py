@@ -246,9 +246,7 @@ def certainty_words(probabilities: Mapping[str, float], stability: float | None)
     return f'Probabilities: {words}.{refits}'
 
 
-def influence_words(
-    influence: Sequence[tuple[str, float, float, float]], time_unit: str,
-) -> str:
+def influence_words(influence: Sequence[tuple[str, float, float, float]], time_unit: str) -> str:
     """Which runs and stretches hold the evidence: run, start, end [time_unit], evidence of each.
 
     Shares count from what speaks for the causes, as on the page. Nothing without such a run.

@@ -217,8 +217,7 @@ def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> 
         bent = float(np.linalg.norm(freed) / max(float(np.linalg.norm(law)), 1e-300))
         is_real = beside < (1.0 - MIN_UNLIKE) * after
         if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT and not is_real:
-            sentences.append(wording.UNLIKE_CHANNELS.format(
-                problem.titles[name], percent(share)))
+            sentences.append(wording.UNLIKE_CHANNELS.format(problem.titles[name], percent(share)))
     return sentences
 
 
