@@ -16,8 +16,7 @@ import pyarrow.parquet
 from saddlering_ros.campaign.store import CampaignError, Store
 from saddlering_ros.campaign.task import SessionTask
 from saddlering_ros.files import whole_file, write_text
-from saddlering_ros.fleet.attention import Fleet, fleet_document, judge_fleet
-from saddlering_ros.fleet.page import fleet_page
+from saddlering_ros.fleet.attention import Fleet, fleet_document, fleet_page, judge_fleet
 from saddlering_ros.fleet.statistics import figures_of
 
 GROUP = 500

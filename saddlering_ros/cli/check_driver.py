@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.doubts.driver import check_driver
     from saddlering_ros.quantities import finite_json
     from saddlering_ros.rig import load_rig
-    from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
+    from saddlering_ros.ros.raw_topics import listen
 
     rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
     prepare_middleware()

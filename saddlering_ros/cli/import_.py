@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     """Draft a map, or write the bag and print its content."""
     from saddlering_ros.files import write_text
     from saddlering_ros.importing.calibration import ImportingError
-    from saddlering_ros.importing.draft import draft_map
+    from saddlering_ros.importing.convert import draft_map
     from saddlering_ros.importing.source import open_sources
 
     if not args.draft:

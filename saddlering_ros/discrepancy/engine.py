@@ -24,11 +24,10 @@ from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
-from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict import established, parts, results, wording
 from saddlering_ros.discrepancy.verdict import published as publishing
-from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, hidden_causes, odd_run
+from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, stability_of
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, publish_settled
-from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.discrepancy.verdict.wrong_law import with_narrow_laws
 from saddlering_ros.progress import one_blas_thread
@@ -86,7 +85,7 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
         warnings=answer.warnings if verdict == 'unknown' else (
-            *answer.warnings, *hidden_causes(space, published.fits, published.causes)),
+            *answer.warnings, *parts.hidden_causes(space, published.fits, published.causes)),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,
@@ -163,7 +162,7 @@ def _judged(search: Search) -> Answer:
     return found or answer.doubted(doubts)
 
 
-def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
+def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bool]:
     """An answer after refits and a look at each run, by noise alone (strict).
 
     With it its stability, and whether a law that is not in it does as well or better. Beside
@@ -182,7 +181,7 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
         is_unlike = answer.is_beside_error and established.must_fit_every_run(
             strict, answer.published, name)
         answer = answer.doubted([sentence]) if is_better or is_unlike else answer.noted(sentence)
-    elif answer.verdict == 'unknown' and (run := odd_run(
+    elif answer.verdict == 'unknown' and (run := parts.odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
     if answer.verdict == 'unknown':  # Learnt model error takes what a bound leaves.
@@ -227,7 +226,7 @@ def _answer(search: Search) -> Answer:
     is_declared = any(space.problem.assumptions.allowed_error or ())
     if is_declared and not _left(space, space.base, before):
         search, fit = replace(search, fit=space.base, alternatives={}, covered=(
-            1.0 if _left(space, space.base, before, HALF) else HALF)), space.base
+            1.0 if _left(space, space.base, before, parts.HALF) else parts.HALF)), space.base
     after = _residual_of(space, fit) if fit.candidate.effects else before
     published = publish(search, before, after)
     weak = _weakest(published.member_shares) or established.under_declared_error(space, fit)

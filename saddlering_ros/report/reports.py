@@ -19,9 +19,8 @@ from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.uncertainty import reason_wide, UNDETERMINED
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import charts, html
-from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, draw, Panel
-from saddlering_ros.pages.html import Cell, code, number
+from saddlering_ros.pages.html import Cell, certainty, code, number
 from saddlering_ros.quantities import percent, probability, quantity, told_once, verdict_line
 from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.displacement import displacement_of_run

@@ -30,8 +30,7 @@ from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.methods import identify
-from saddlering_ros.pages.certainty import certainty
-from saddlering_ros.pages.html import pictures_of
+from saddlering_ros.pages.html import certainty, pictures_of
 from saddlering_ros.progress import one_blas_thread, Watch
 from saddlering_ros.report.reports import (
     change_chart,

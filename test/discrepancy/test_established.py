@@ -37,7 +37,7 @@ from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import Structure
 from saddlering_ros.discrepancy.search.space import prepare
-from saddlering_ros.discrepancy.verdict import established, results, stability, wording, wrong_law
+from saddlering_ros.discrepancy.verdict import established, parts, results, wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import odd_run
 from saddlering_ros.discrepancy.verdict.published import Publication
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
@@ -727,7 +727,7 @@ def test_a_refit_that_ends_in_a_law_which_contains_the_cause_has_the_same_first_
     monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], share: float,
 ) -> None:
     wider = replace(MODEL.effects['cubic'], contains=contains)
-    monkeypatch.setattr(stability._Sums, 'penalised', lambda sums, *_: (
+    monkeypatch.setattr(parts._Sums, 'penalised', lambda sums, *_: (
         -float(sums.fit.candidate.ids == ('cubic',))))
     answer = found(0.3, 0.02, replace(MODEL, effects={**MODEL.effects, 'cubic': wider}))
     assert answer.stability == share

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from saddlering_ros.fleet import statistics
-from saddlering_ros.fleet.attention import fleet_document, judge_fleet, limits_from_text
+from saddlering_ros.fleet.attention import (
+    fleet_document,
+    fleet_page,
+    history_chart,
+    judge_fleet,
+    limits_from_text,
+    MAX_TITLE,
+)
 from saddlering_ros.fleet.history import follow, remaining_life, scales_alike, TimeSeries, YEAR
-from saddlering_ros.fleet.page import fleet_page, history_chart, MAX_TITLE
 from saddlering_ros.fleet.statistics import benjamini_hochberg, e_value, figures_of, FleetError
 from saddlering_ros.pages.html import pictures_of
 

@@ -14,8 +14,7 @@ from scipy.io import savemat
 
 from saddlering_ros.bags.reader import read_raw
 from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING, RegularTime
-from saddlering_ros.importing.convert import import_files, save_preview
-from saddlering_ros.importing.draft import draft_map
+from saddlering_ros.importing.convert import draft_map, import_files, save_preview
 from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.rig import default_rig

@@ -20,7 +20,7 @@ from scipy.io import savemat
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.draft import draft_map
+from saddlering_ros.importing.convert import draft_map
 from saddlering_ros.importing.source import open_sources
 
 DATA = Path(__file__).resolve().parents[2] / 'docs' / 'data'

@@ -19,10 +19,8 @@ from saddlering_ros.discrepancy import wording
 from saddlering_ros.discrepancy.verdict.wording import change_words, remaining_words
 from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
-from saddlering_ros.pages.certainty import bars, certainty, MAX_WORDS
-from saddlering_ros.pages.charts import draw
-from saddlering_ros.pages.html import pictures_of
-from saddlering_ros.pages.interactive import chart_of
+from saddlering_ros.pages.charts import chart_of, draw
+from saddlering_ros.pages.html import bars, certainty, MAX_WORDS, pictures_of
 from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import chapters, figures

@@ -11,9 +11,8 @@ from saddlering_ros.discrepancy.problem.system import Parameter
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
 from saddlering_ros.pages import charts, html
-from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP
-from saddlering_ros.pages.html import code, number
+from saddlering_ros.pages.html import certainty, code, number
 from saddlering_ros.quantities import CHANCE, percent, probability, quantity, verdict_line
 
 PAUSE = 10.0
