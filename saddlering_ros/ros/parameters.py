@@ -255,19 +255,20 @@ def strict_arguments(arguments: Sequence[str]) -> list[str]:
     return words
 
 
-def unaddressed(arguments: Sequence[str], node: str) -> list[str]:
-    """A warning on each parameter file of a command line with no section for a node (full name).
+def unaddressed(arguments: Sequence[str], node: Node) -> list[str]:
+    """A warning on each parameter file of a command line that has no section for a node.
 
     ROS takes nothing of such a file, and says nothing.
     """
     warnings = []
     for file in [word for option, word in pairwise(arguments) if option == '--params-file']:
+        name = node.get_fully_qualified_name()
         sections = sorted(_sections(read_strict_yaml(file, NodeError)))
-        forms = [re.escape(name).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]+')
-                 for name in sections]
-        if sections and not any(re.fullmatch(form, node) for form in forms):
+        forms = [re.escape(one).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]+')
+                 for one in sections]
+        if sections and not any(re.fullmatch(form, name) for form in forms):
             warnings.append(f'nothing of {file} is used: it has sections for '
-                            f'{", ".join(sections)} and none for {node}: name this node or /**')
+                            f'{", ".join(sections)} and none for {name}: name this node or /**')
     return warnings
 
 

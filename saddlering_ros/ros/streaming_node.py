@@ -343,7 +343,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         rclpy.init(args=['', *words], signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
-        for warning in parameters.unaddressed(given, node.get_fully_qualified_name()):
+        for warning in parameters.unaddressed(given, node):
             node.get_logger().warning(warning)
         crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:

@@ -6,6 +6,8 @@ from importlib import util
 import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from forked_nodes import endings
 import pytest
@@ -72,12 +74,11 @@ ROS_ARGS = '--ros-args'
 
 def test_a_node_says_which_rig_it_has_and_which_parameter_file_is_of_another_node(
         tmp_path: Path) -> None:
-    file = tmp_path / 'mine.yaml'
-    ended = []
+    file, ended = tmp_path / 'mine.yaml', []
+    node: Any = SimpleNamespace(get_fully_qualified_name=lambda: '/ring_simulator')
     for name in ('ring_simulater', '/**/ring_simulator', 'rig1/ring_simulator', '/*'):
         file.write_text(f'{name}: {{ros__parameters: {{rig: {{}}}}}}\n')
-        ended.append(parameters.unaddressed([ROS_ARGS, '--params-file', str(file)],
-                                            '/ring_simulator'))
+        ended.append(parameters.unaddressed([ROS_ARGS, '--params-file', str(file)], node))
     assert [len(warnings) for warnings in ended] == [1, 0, 1, 0]
     assert ended[0][0].endswith('it has sections for /ring_simulater and none for '
                                 '/ring_simulator: name this node or /**')
