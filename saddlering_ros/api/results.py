@@ -234,7 +234,7 @@ class ValidationResult(Result):
     def _curves(self) -> list[RunCurves]:
         from saddlering_ros.report.reports import curves_of_validation
 
-        return curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
+        return curves_of_validation(self.found, runs_of(self.bags), self.rig)
 
     def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.figures import curve_columns
@@ -265,7 +265,7 @@ class ValidationResult(Result):
         from saddlering_ros.report.reports import plot_paths, save_plots
 
         self._spare_inputs(*plot_paths(self.found, Path(folder)))
-        return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig.force_unit)
+        return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig)
 
     def _document(self) -> dict[str, Any]:
         return {**self.found.to_json(), 'criteria': [asdict(one) for one in self.criteria]}

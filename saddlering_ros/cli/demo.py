@@ -192,8 +192,8 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
         name: figures['noise_floor'] for name, figures in run['channels'].items()}
         for run in diagnosed.document['runs']}
     curves = [curves_of_run(
-        first.bag.run, first.measured, first.simulated, last.simulated,
-        noise.get(first.bag.name, {}), held_out=True, force_unit=first.bag.rig.force_unit)
+        first.bag.rig, first.bag.run, first.measured, first.simulated, last.simulated,
+        noise.get(first.bag.name, {}), held_out=True)
         for first, last in zip(before, after, strict=True)]
     return Story(identified, diagnosed, (*before, *after), curves, time.monotonic() - began)
 

@@ -91,7 +91,7 @@ class PreparedRecord:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Division of a run: blocks, stretches at rest, hold and branch of each block.
+    """Division of a run: blocks, stretches at rest, hold and direction of each block.
 
     spans: samples [first, last) of each block and the number of parts of its simulated load;
     held: samples [start, stop) over which the load is held; between: samples of one part of the
@@ -102,7 +102,7 @@ class _Blocks:
     rest: list[RestSegment]
     hold: Array
     held: list[tuple[int, int]]
-    branch: Array | None
+    direction: Array | None
     between: int
 
 
@@ -128,13 +128,9 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
     grid = _load_grid(test_run.elevation, time, load, measured.zero.load, blocks)
     spans = [slice(first, last) for first, last, _ in blocks.spans]
     centre = np.array([time[span].mean() for span in spans])
-    drive, branch = grid.block_means(grid.load), blocks.branch
-    if branch is None:
+    drive, direction = grid.block_means(grid.load), blocks.direction
+    if direction is None:
         direction = direction_of(drive, rig.limits.reversal_band)
-    else:
-        direction = branch.copy()
-        for index in np.flatnonzero(direction == 0.0):  # of the branch before a turning point
-            direction[index] = direction[index - 1] if index else 1.0
     step = float(np.median(np.diff(time)))
     means = np.array([probes[:, span].mean(axis=1) for span in spans])
     return PreparedRecord(test_run, measured, RunBlocks(
@@ -143,13 +139,13 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
         width=np.array([(span.stop - span.start) * step for span in spans]),
         channels=means.reshape(-1, len(probes)).T, inputs={'load': drive},
         rest=tuple(blocks.rest), held_out=held_out, payload=grid, direction=direction,
-        rate=np.zeros(drive.size) if branch is not None else smooth_rate(drive, centre),
+        rate=np.zeros(drive.size) if test_run.test == 'static' else smooth_rate(drive, centre),
         hold=blocks.hold))
 
 
 def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Blocks within the plateaus of a static run."""
-    levels, hold, branch, held = plateaus(test_run), [], [], []
+    levels, hold, direction, held = plateaus(test_run), [], [], []
     blocks: list[tuple[int, int, int]] = []
     rest: list[RestSegment] = []
     step = float(np.median(np.diff(time)))
@@ -166,12 +162,12 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
             bins = _held_parts(float(time[block[0]]) - begin, block.size * step)
             blocks.append((int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
             hold.append(float(number))
-            branch.append(float(levels.branch[number]))
+            direction.append(levels.direction[number])
         settled = inside[time[inside] >= test_run.time[levels.start[number]]]
         if settled.size >= 8:
             rest.append(RestSegment(quiet[:, settled], step, f'{int(levels.branch[number])}'))
     between = max(1, round(STATIC_GRID / step))
-    return _Blocks(blocks, rest, np.array(hold), held, np.array(branch), between)
+    return _Blocks(blocks, rest, np.array(hold), held, np.array(direction), between)
 
 
 def _held_parts(since: float, length: float) -> int:

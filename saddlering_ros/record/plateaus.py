@@ -73,6 +73,14 @@ class Plateaus:
     def __len__(self) -> int:
         return len(self.load)
 
+    @property
+    def direction(self) -> Floats:
+        """+1 (M,) while the load rises, -1 while it falls; at a turning point that before it."""
+        direction = self.branch.astype(float)
+        for index in np.flatnonzero(direction == 0.0):
+            direction[index] = direction[index - 1] if index else 1.0
+        return direction
+
 
 def plateaus(run: Record) -> Plateaus:
     """Cut `run` into plateaus; BagError if its load is not held at a few levels."""

@@ -13,11 +13,12 @@ from saddlering_ros.diagnosis.records import smooth_rate
 from saddlering_ros.diagnosis.ring_wording import bag_name
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.identification.uncertainty import joint_outline
+from saddlering_ros.memory_operators import direction_of
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
-from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS, MOTION
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS, MOTION, Rig
 from saddlering_ros.rig.units import force_decimals, force_words
 
 Array = NDArray[np.float64]
@@ -113,8 +114,8 @@ def curves_of(verdict: Verdict) -> list[RunCurves]:
 
 
 def curves_of_run(
-    run: Record, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
-    *, held_out: bool, force_unit: str = 't',
+    rig: Rig, run: Record, measured: Array, before: Array, after: Array,
+    floors: Mapping[str, float | None], *, held_out: bool,
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps.
 
@@ -124,14 +125,9 @@ def curves_of_run(
     if run.test == 'static':
         holds = plateaus(run)
         edges = list(zip(holds.start, holds.stop, strict=True))
-        direction = holds.branch.astype(float)
-        for index in np.flatnonzero(direction == 0.0):  # at the peak and at the ends
-            direction[index] = direction[index - 1] if index else 1.0
     else:
         places = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
         edges = list(pairwise(places.tolist()))
-        top = int(np.argmax([run.load[start:stop].mean() for start, stop in edges]))
-        direction = np.where(np.arange(len(edges)) <= top, 1.0, -1.0)
 
     def means(values: Array) -> Array:
         """Means (..., N) of values (..., samples); NaN samples left out."""
@@ -140,7 +136,9 @@ def curves_of_run(
                         for items in (values, np.isfinite(values)))
         return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
-    seen, first = means(measured), means(before)
+    seen, first, load = means(measured), means(before), means(run.load)
+    direction = holds.direction if run.test == 'static' else direction_of(
+        load, rig.limits.reversal_band)
     last = first if after is before else means(after)
     there = np.isfinite(seen).any(axis=1)  # The parity is unknown if a probe is absent.
     good = np.isfinite(seen + first + last)[there].all(axis=0)
@@ -149,9 +147,9 @@ def curves_of_run(
              for row, name in enumerate(CHANNELS)}
     shown = first[:, good]
     return RunCurves(
-        name=run.path.name, test=run.test, held_out=held_out, noise=noise, force_unit=force_unit,
-        elevation_deg=round(float(np.degrees(run.elevation)), 2), width=widths[good],
-        time=means(run.time)[good], load=means(run.load)[good], direction=direction[good],
+        name=run.path.name, test=run.test, held_out=held_out, noise=noise,
+        force_unit=rig.force_unit, elevation_deg=round(float(np.degrees(run.elevation)), 2),
+        width=widths[good], time=means(run.time)[good], load=load[good], direction=direction[good],
         measured=seen[:, good], before=shown, after=shown if last is first else last[:, good])
 
 

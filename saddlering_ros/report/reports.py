@@ -91,7 +91,7 @@ def write_validation_report(
 ) -> tuple[Path, Path]:
     """Write a validation's page and curves; `runs` in its order, `identification` as JSON."""
     beside = figures.curves_path(path)
-    curves = curves_of_validation(validation, runs, rig.force_unit)
+    curves = curves_of_validation(validation, runs, rig)
     tests = [(run, ROLES[shown.held_out]) for run, shown in zip(runs, curves, strict=True)]
     html.write_page(path, html.page(VALIDATION, [
         head(VALIDATION, rig, tests),
@@ -116,14 +116,14 @@ def write_validation_report(
 
 
 def curves_of_validation(
-    validation: Validation, runs: Sequence[Record], force_unit: str,
+    validation: Validation, runs: Sequence[Record], rig: Rig,
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
     return [
         figures.curves_of_run(
-            run, result.measured, result.simulated, result.simulated,
+            rig, run, result.measured, result.simulated, result.simulated,
             {name: channel.noise_floor for name, channel in result.channels.items()},
-            held_out=validation.is_held_out(run.path), force_unit=force_unit)
+            held_out=validation.is_held_out(run.path))
         for result, run in zip(validation.runs, runs, strict=True)]
 
 
@@ -177,11 +177,11 @@ def plot_paths(validation: Validation, folder: Path) -> list[Path]:
 
 
 def save_plots(
-    validation: Validation, runs: Sequence[Record], folder: Path, force_unit: str = 't',
+    validation: Validation, runs: Sequence[Record], folder: Path, rig: Rig,
 ) -> list[Path]:
-    """One PNG per run in `folder`; the paths written. force_unit: unit of loads."""
+    """One PNG per run in `folder`; the paths written."""
     paths = plot_paths(validation, folder)
-    curves = curves_of_validation(validation, runs, force_unit)
+    curves = curves_of_validation(validation, runs, rig)
     for run, path in zip(curves, paths, strict=True):
         with whole_file(path, ReportError) as temporary:
             temporary.write_bytes(html.png(draw(figures.of_run(run))))

@@ -197,7 +197,7 @@ def test_the_table_ends_with_its_columns_explained_and_a_line_for_each_criterion
 
 
 def test_pictures_are_written_per_run(clean, runs, tmp_path):
-    pictures = save_plots(clean, runs, tmp_path / 'plots')
+    pictures = save_plots(clean, runs, tmp_path / 'plots', RIG)
     assert len(pictures) == 2
     assert all(picture.stat().st_size > 10_000 for picture in pictures)
 

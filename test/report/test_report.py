@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from pathlib import Path
 import re
 from types import SimpleNamespace
 from unittest import mock
@@ -108,6 +109,17 @@ def test_the_whole_legend_of_a_run_is_in_the_picture(chart):
     figure.draw_without_rendering()
     left, right = figure.legends[0].get_window_extent().intervalx
     assert 0.0 <= left < right <= figure.bbox.width
+
+
+def test_the_load_of_a_second_cycle_rises_again():
+    time = np.arange(0.0, 8.0, 0.01)
+    load = 1e5 + 9e4 * np.abs(time % 4.0 - 2.0)  # falls, rises, falls, rises
+    run = SimpleNamespace(test='dynamic', path=Path('cycles'), elevation=1.0, time=time, load=load)
+    nothing = np.zeros((4, time.size))
+    shown = figures.curves_of_run(
+        default_rig(), run, nothing, nothing, nothing, {}, held_out=False)
+    signs = shown.direction[np.abs(shown.time % 2.0 - 1.0) < 0.5]
+    assert np.flatnonzero(np.diff(signs)).size == 3
 
 
 @pytest.mark.parametrize('name', CHARTS)
