@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saddlering_ros.memory_operators import Array
 from saddlering_ros.rig import ParameterSet, Rig
 from saddlering_ros.rig.geometry import STEADY_SHARE
 from saddlering_ros.ring.sensitivity import static_sensitivities
 from saddlering_ros.ring.simulator import static_response
-
-Array = NDArray[np.float64]
 
 LOADS = 41
 """Loads from preload to full scale between which the motion is interpolated."""

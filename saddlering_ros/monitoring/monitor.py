@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.memory_operators import direction_of
+from saddlering_ros.memory_operators import Array, direction_of
 from saddlering_ros.monitoring import detector
 from saddlering_ros.monitoring.detector import BlockWatch, MonitoringError, RestLearner, RestNoise
 from saddlering_ros.quantities import quantity, signed
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import MOTION
-
-Array = NDArray[np.float64]
 
 WAITING, LEARNING, WATCHING, ALARM = range(4)
 """States of a monitor, numbered as in RingAlarm.msg."""
