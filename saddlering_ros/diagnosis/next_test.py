@@ -109,7 +109,13 @@ def next_test(
             (catalogue()[name].settled_by for name in open_groups[0]
              if not title_of_dimension(name)), '')
     elif not title_of_dimension(named):
-        alike = look_alikes(_place_of(diagnosis.causes[0]), signature_cosines(diagnosis))
+        cause = diagnosis.causes[0]
+        # The label of the cause where it acts, as in 'probe_bracket:3'.
+        variants = cause.definition.variants
+        label = named if len(variants) == 1 else next(
+            f'{named}:{number}' for number, values in enumerate(variants)
+            if all(cause.parameters[name].value == value for name, value in values.items()))
+        alike = look_alikes(label, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES], tests)
     places = ' '.join(
         f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
@@ -124,14 +130,6 @@ def at_another_elevation(fitted: Sequence[Record], held_out: Sequence[Record]) -
              and distinct_elevations(usual) == 1]
     return (f'Fit {discrepancy.wording.joined(names)} too: at one elevation many causes look '
             'alike.') if names else ''
-
-
-def _place_of(cause: discrepancy.Cause) -> str:
-    """The label of a cause where it acts, as in 'probe_bracket:3'; its id if it has one place."""
-    variants = cause.definition.variants
-    return cause.effect if len(variants) == 1 else next(
-        f'{cause.effect}:{number}' for number, values in enumerate(variants)
-        if all(cause.parameters[name].value == value for name, value in values.items()))
 
 
 def for_residual(after: discrepancy.Residual, law: discrepancy.LawProposal | None = None) -> str:

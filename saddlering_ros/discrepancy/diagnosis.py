@@ -152,7 +152,11 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
             order = np.argsort(-powers)
             held = np.cumsum(powers[order]) / max(powers.sum(), 1e-300)
             count = 1 + int(np.searchsorted(held, 0.5))
-            is_code = _is_code(float(readings[order[0]]), readings[there])
+            # Whether the largest reading occurs again, and is far from all other readings.
+            value, others = float(readings[order[0]]), readings[there]
+            others = others[others != value]
+            is_code = 0 < others.size < np.count_nonzero(there) - 1 and bool(
+                np.abs(others - value).min() > np.ptp(others))
             few = CODE_SAMPLES if is_code else FEW_SAMPLES
             if count <= max(few * powers.size, 1) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
@@ -162,13 +166,6 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
                     percent(held[count - 1])))
     return [*found.values()], has_code
-
-
-def _is_code(value: float, readings: Array) -> bool:
-    """Whether a value occurs again in readings (N,), and is far from all other values."""
-    others = readings[readings != value]
-    return 0 < others.size < readings.size - 1 and bool(
-        np.abs(others - value).min() > np.ptp(others))
 
 
 OPEN = {'none': 0.5, 'unknown': 0.5}

@@ -414,21 +414,17 @@ def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
         'showline': True, 'zeroline': False, 'ticks': 'outside', 'ticklen': 3,
         'type': 'log' if is_log else 'linear',
         'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
-    ticks = _log_ticks(values) if is_log else ticks
+    if is_log:  # A number at each decade, and at 2 and 5 where there are few decades.
+        positive = np.concatenate([series[series > 0.0] for series in values] or [np.ones(1)])
+        low, high = np.log10([positive.min(), positive.max()] if positive.size else [1.0, 1.0])
+        digits = (1, 2, 5) if high - low <= FEW_DECADES else (1,)
+        at = tuple(float(f'{digit}e{power}')
+                   for power in range(math.floor(low), math.ceil(high) + 1) for digit in digits)
+        ticks = Ticks(at, tuple(f'{value:g}' for value in at))
     if ticks is not None:
         words = [one.replace('\n', '<br>') for one in ticks.words]
         axis |= {'tickvals': list(ticks.at), 'ticktext': words, 'tickfont': {'size': 11}}
     return axis
-
-
-def _log_ticks(values: Sequence[Array]) -> Ticks:
-    """A number at each decade, and at 2 and 5 where there are few decades."""
-    positive = np.concatenate([series[series > 0.0] for series in values] or [np.ones(1)])
-    low, high = np.log10([positive.min(), positive.max()] if positive.size else [1.0, 1.0])
-    digits = (1, 2, 5) if high - low <= FEW_DECADES else (1,)
-    at = tuple(float(f'{digit}e{power}') for power in range(math.floor(low), math.ceil(high) + 1)
-               for digit in digits)
-    return Ticks(at, tuple(f'{value:g}' for value in at))
 
 
 def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plotly:

@@ -284,7 +284,12 @@ class Aligner:
         if not count:
             return []
         stamps = self._loads.stamps[:count]
-        starts = self._run_starts(stamps)
+        # For each load stamp (N,), that since which the load has gone on without a leap.
+        last, dead_after = self._last_out, self._dead_after
+        continues = last is not None and stamps[0] - last <= dead_after
+        starts = np.full(count, self._run_start if continues else stamps[0])
+        for leap in np.flatnonzero(stamps[1:] - stamps[:-1] > dead_after).tolist():
+            starts[leap + 1:] = stamps[leap + 1]
         gaps = np.stack([batches.reading_at(stamps, probe.stamps, probe.values)
                          for probe in self._probes])
         missing = np.isnan(gaps)
@@ -318,15 +323,6 @@ class Aligner:
         if newest - oldest > patience:
             return self.pending
         return int(self._loads.stamps.searchsorted(oldest, 'right'))
-
-    def _run_starts(self, stamps: Stamps) -> Stamps:
-        """For each load stamp (N,), that since which the load has gone on without a leap."""
-        last = self._last_out
-        continues = last is not None and stamps[0] - last <= self._dead_after
-        starts = np.full(len(stamps), self._run_start if continues else stamps[0])
-        for leap in np.flatnonzero(stamps[1:] - stamps[:-1] > self._dead_after).tolist():
-            starts[leap + 1:] = stamps[leap + 1]
-        return starts
 
     def _answers(
         self, stamps: Stamps, starts: Stamps, missing: Mask, finish: bool,

@@ -188,7 +188,12 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
         np.full(count, physical.elevation, dtype=np.float64),
         np.full(count, physical.rig.trunnion.y, dtype=np.float64))
     physical.act('load', path)
-    forces = _forces(path)
+    # Forces [N] and moment [N m] at C, (N, 3), with the dead weight.
+    cosine, sine = np.cos(path.elevation), np.sin(path.elevation)
+    arm = path.trunnion_y * cosine + path.rig.trunnion.x * sine
+    weight = path.rig.carriage.weight
+    forces = np.stack([path.arriving * cosine, -path.arriving * sine - weight,
+                       path.arriving * arm + weight * path.rig.carriage.weight_x], axis=1)
     rollers = make_rollers(physical.rig, physical.contact, physical.scatter, physical.number)
     physical.act('rollers', rollers)
     elements = FrictionElements([], [])
@@ -218,27 +223,14 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
         rig=physical.rig, time=path.time[every], x=x, y=y, tilt=tilt, force_x=force_x.copy(),
         force_y=force_y.copy(), moment=moment.copy(), load=path.arriving[every].copy())
     physical.act('motion', motion)
-    increments = _at_probes(motion)
+    # Motion (4, N) [m] of the ring at the four probes, for small tilts.
+    probes = motion.rig.probes
+    radial, lever = motion.x + motion.tilt * probes.radial_height, 0.5 * probes.axial_span
+    increments = np.stack([radial, motion.y + lever * motion.tilt, -radial,
+                           motion.y - lever * motion.tilt])
     seen = ProbeMotion(motion, increments - increments[:, :1], seed)
     physical.act('probes', seen)
     return PhysicalRun(motion.time, path.measured[every].copy(), motion, seen.increments)
-
-
-def _forces(path: LoadPath) -> Floats:
-    """Forces [N] and moment [N m] at C, (N, 3), with the dead weight."""
-    cosine, sine = np.cos(path.elevation), np.sin(path.elevation)
-    arm = path.trunnion_y * cosine + path.rig.trunnion.x * sine
-    weight = path.rig.carriage.weight
-    return np.stack([path.arriving * cosine, -path.arriving * sine - weight,
-                     path.arriving * arm + weight * path.rig.carriage.weight_x], axis=1)
-
-
-def _at_probes(motion: Motion) -> Floats:
-    """Motion (4, N) [m] of the ring at the four probes, for small tilts."""
-    probes = motion.rig.probes
-    radial, lever = motion.x + motion.tilt * probes.radial_height, 0.5 * probes.axial_span
-    return np.stack([radial, motion.y + lever * motion.tilt, -radial,
-                     motion.y - lever * motion.tilt])
 
 
 LEVELS = 2**16  # of converters with 16 bits

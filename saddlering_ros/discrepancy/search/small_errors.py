@@ -290,16 +290,11 @@ def _listed(space: ModelSpace) -> tuple[Array, list[tuple[str, object]]]:
         chosen += members if members[0].amplitude_dependent else seen[:1]
     small = [one for one in chosen if one.effect.can_be_small]
     chosen = [one for one in chosen if one.effect.can_be_small or not any(
-        _are_parallel(one.plain, other.plain) for other in small)]
+        abs(float(one.plain @ other.plain)) > MIN_PARALLEL * float(
+            np.linalg.norm(one.plain) * np.linalg.norm(other.plain)) for other in small)]
     counts = Counter(one.key for one in chosen)
     columns = [one.plain / (one.visible * np.sqrt(counts[one.key])) for one in chosen]
     return np.column_stack(columns), [one.key for one in chosen]
-
-
-def _are_parallel(one: Array, other: Array) -> bool:
-    """Whether two changes (n,) differ by a factor only."""
-    return abs(float(one @ other)) > MIN_PARALLEL * float(
-        np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _smooth(problem: Problem) -> tuple[Array, list[tuple[str, object]]]:
