@@ -14,7 +14,7 @@ from rclpy.node import Node
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.doubts.readings import unit_outside
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
-from saddlering_ros.ros.parameters import NodeWithSettings
+from saddlering_ros.ros.parameters import HARDWARE_ID
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
@@ -233,19 +233,17 @@ class Events:
         return TaskStatus(OK, f'nothing lost, late or dropped{earlier}', figures)
 
 
-def to_message(
-    node: NodeWithSettings, statuses: Iterable[tuple[str, TaskStatus]],
-) -> DiagnosticArray:
+def to_message(node: Node, statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
     """The statuses of a node's tasks as /diagnostics wants them.
 
     They carry the node's full name, at the root without slash; no hardware_id: the namespace's.
     """
-    namespace = node.get_namespace().rstrip('/')
+    namespace, given = node.get_namespace().rstrip('/'), node.get_parameter(HARDWARE_ID.name).value
     message = DiagnosticArray(status=[
         DiagnosticStatus(
             level=bytes([status.level]), message=status.words,
             name=f'{f"{namespace}/" if namespace else ""}{node.get_name()}: {name}',
-            hardware_id=node.settings['hardware_id'] or f'saddlering{namespace}',
+            hardware_id=given.strip() or f'saddlering{namespace}',
             values=[KeyValue(key=key, value=value) for key, value in status.figures.items()])
         for name, status in statuses])
     message.header.stamp = node.get_clock().now().to_msg()

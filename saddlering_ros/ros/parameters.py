@@ -8,10 +8,9 @@ import math
 import os
 from pathlib import Path
 import re
-from typing import Any, Protocol
+from typing import Any
 
 from rcl_interfaces import msg
-from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.utilities import remove_ros_args
@@ -97,26 +96,14 @@ TRUST_RIG = NodeParameter(
     'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
 
 
-class NodeWithSettings(Protocol):
-    """A node, and the values of its declared parameters."""
-
-    settings: dict[str, Any]
-
-    def get_name(self) -> str: ...
-
-    def get_namespace(self) -> str: ...
-
-    def get_clock(self) -> Clock: ...
-
-
 def refuse_other_rig(
-    node: NodeWithSettings, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig,
+    node: Node, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig,
 ) -> None:
     """NodeError if `refuse` finds that another rig than the node's is stated.
 
     A node with trust_rig does not look. The remedy names parameters, not arguments of the API.
     """
-    if node.settings[TRUST_RIG.name]:
+    if node.get_parameter(TRUST_RIG.name).value:
         return
     try:
         refuse(stated, rig)
@@ -319,9 +306,9 @@ def _as_ros_reads(file: str) -> str:
     return f'/proc/self/fd/{place}'
 
 
-def root_folder(node: NodeWithSettings, parameter: str, default: Path) -> Path:
-    """The folder of a parameter in `settings`, or `default`; NodeError if it is not there."""
-    given = node.settings[parameter]
+def root_folder(node: Node, parameter: str, default: Path) -> Path:
+    """The folder that a parameter names, or `default`; NodeError if it is not there."""
+    given = node.get_parameter(parameter).value.strip()
     root = Path(given).expanduser() if given else default
     if given and not root.is_dir():
         raise NodeError(f'{node.get_name()}: parameter {parameter} is {given}: '
