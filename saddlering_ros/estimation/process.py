@@ -181,12 +181,10 @@ MIN_PAIRS = 4
 
 def allan_columns(scales: Array, time_constants: Array) -> Array:
     """Allan variances (S, 1 + T) of unit white density and of each unit relaxation."""
-    columns = [1.0 / scales]
-    for tau in time_constants:
-        ratio = scales / tau
-        exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
-        columns.append(np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6))
-    return np.column_stack(columns)
+    ratio = scales[:, None] / time_constants
+    exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
+    return np.column_stack(
+        [1.0 / scales, np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6)])
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
