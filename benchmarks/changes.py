@@ -18,18 +18,18 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 import tempfile
 import time as clock
 
-from dirty_ring import dirty_fault, hidden_in, MAIN
+from dirty_ring import dirty_fault, hidden_in, MAIN, wavy
 from frame import arguments, keep, kept_rows, share
 from independent import draw_ring, RIG, write
 from independent_faults import Hidden
-from independent_ring import Array, Fault, Noise, record, usual_courses
+from independent_ring import Noise, record, usual_courses
 import numpy as np
 
 from saddlering_ros import compare, read_bag
@@ -85,21 +85,6 @@ class Pair:
     def error(self) -> float:
         """Of the size, in stated deviations."""
         return (self.value - self.true) * float(np.sign(self.true)) / self.std
-
-
-def wavy(fault: Fault, seed: int, rms: float) -> Fault:
-    """The same ring with waves of this rms [um] on each of its raceways."""
-    draw = np.random.default_rng([seed, 27])
-    maxima = np.arange(1, 17)
-
-    def gap(more: Callable[[Array], Array] | None) -> Callable[[Array], Array]:
-        sizes, phases = draw.standard_normal(16) / maxima, draw.uniform(0.0, 2.0 * np.pi, 16)
-        sizes *= 1e-6 * rms / np.sqrt(0.5 * sizes @ sizes)
-        return lambda phi: sizes @ np.cos(maxima[:, None] * phi + phases[:, None]) + (
-            0.0 if more is None else more(phi))
-
-    return replace(fault, gap_axial=gap(fault.gap_axial), gap_lower=gap(fault.gap_lower),
-                   gap_radial=gap(fault.gap_radial))
 
 
 def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path,

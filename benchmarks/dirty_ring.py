@@ -1,7 +1,7 @@
 """A dirty ring: many small errors at once, drawn, on the ring of independent_ring.py.
 
     python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME NAME none] [--without]
-                                    [--out FILE.jsonl]
+                                    [--waves 0] [--out FILE.jsonl]
 
 Of a sound real ring nothing is exact: load cell, elevation, trunnion, probes, friction, raceways,
 structure and temperature each have a small error. One cause of the catalogue is hidden beside
@@ -9,13 +9,15 @@ them, about ten times as large as an error of its kind. A row states the share t
 power of what all move, because the errors together can move as much. Each effect has one ring, of
 the seeds in turn; --without takes it out of the catalogue. The rows are those of real_faults.py.
 The truth of a row is what has most of this power: the hidden cause, or a small error of the ring.
+--waves: rms [um] of the waves of each raceway beside the small errors, of 1 to 16 maxima whose
+amplitudes fall as 1/m; they are no part of this power.
 """
 
 import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 import math
@@ -127,6 +129,21 @@ def dirty_fault(hidden: Hidden, seed: int) -> Fault:
     return dirty(hidden.fault, *errors_of(seed))
 
 
+def wavy(fault: Fault, seed: int, rms: float) -> Fault:
+    """The same ring with waves of this rms [um] on each of its raceways."""
+    draw = np.random.default_rng([seed, 27])
+    maxima = np.arange(1, 17)
+
+    def gap(more: Callable[[Array], Array] | None) -> Callable[[Array], Array]:
+        sizes, phases = draw.standard_normal(16) / maxima, draw.uniform(0.0, 2.0 * np.pi, 16)
+        sizes *= 1e-6 * rms / np.sqrt(0.5 * sizes @ sizes)
+        return lambda phi: sizes @ np.cos(maxima[:, None] * phi + phases[:, None]) + (
+            0.0 if more is None else more(phi))
+
+    return replace(fault, gap_axial=gap(fault.gap_axial), gap_lower=gap(fault.gap_lower),
+                   gap_radial=gap(fault.gap_radial))
+
+
 NOTHING = Hidden('', {}, Fault())
 
 
@@ -205,12 +222,15 @@ def powers_of(effect: str, seed: int) -> tuple[float, dict[str, float]]:
     return small, parts
 
 
-def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[str, object]:
+def row_of(
+    effect: str, seed: int, folder: Path, waves: float, *, is_removed: bool,
+) -> dict[str, object]:
     """The verdict on one dirty ring with one cause, or none, as real_faults.py tables it."""
     began = clock.process_time()
     ring, noise = draw_ring(seed)
     hidden = hidden_in(effect, seed)
     whole = dirty_fault(hidden, seed)
+    whole = wavy(whole, seed, waves) if waves else whole
     with without(*[effect] * is_removed):
         found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     kind = 'removed' if is_removed else 'hidden'
@@ -220,18 +240,20 @@ def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[st
         'kind': kind if effect else 'sound', 'misfit': misfit(found),
         'truth': [max(parts, key=lambda name: parts[name])] if effect else [],
         'seconds': clock.process_time() - began, **answer_of(found),
+        'waves': waves,
         'share': parts[effect] / (parts[effect] + small), 'size': size_of(effect, seed, found),
     }
 
 
 def main() -> None:
     args = arguments(__doc__, {'effects': ['none']}, seeds=(1,), effects=(*MAIN, 'none'),
-                     without=False, out=Path)
+                     without=False, waves=0.0, out=Path)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name, seed in zip(args.effects, cycle(args.seeds), strict=False):
             hidden = '' if name == 'none' else name
-            rows.append(row_of(hidden, seed, Path(folder), is_removed=args.without))
+            rows.append(row_of(
+                hidden, seed, Path(folder), args.waves, is_removed=args.without))
             say(rows[-1])
             if args.out:
                 keep(args.out, rows[-1])
