@@ -241,26 +241,19 @@ def with_main_cause(
     complete = left < SETTINGS.materiality
     is_established = share >= ESTABLISHED_SHARE and cause.p_value <= ESTABLISHED_P
     if changed_title(cause.effect) and not complete:
-        return in_doubt(diagnosis)
+        return diagnosis.in_doubt()
     if diagnosis.verdict == 'unknown' and not is_established:
         return diagnosis
     name, size = next(iter(cause.parameters.items()))
     std = math.hypot(size.std, abs(size.value) * math.hypot(left / cause.visible, definition))
     if abs(size.value - cause.definition.neutral) <= WIDTH_95 * std:
-        return in_doubt(diagnosis)
+        return diagnosis.in_doubt()
     widened = {**cause.parameters, name: replace(size, std=std)}
     stated = replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
                      causes=(replace(cause, parameters=widened, partial=False),),
                      complete=complete, remainder=() if complete else diagnosis.remainder)
     return replace(stated, probabilities=discrepancy.probabilities_of(
         stated.verdict, stated.causes, share))
-
-
-def in_doubt(diagnosis: Diagnosis) -> Diagnosis:
-    """The verdict if the sessions differ in more than the ring: no cause is established."""
-    partial = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
-    return replace(diagnosis, verdict='unknown', causes=partial, complete=False,
-                   probabilities=discrepancy.probabilities_of('unknown', partial))
 
 
 def left_between(diagnosis: Diagnosis, prediction: Array, system: TwoSessions) -> float:

@@ -392,6 +392,12 @@ class Diagnosis:
         return replace(self, verdict='none', causes=(), complete=True, remainder=(), refits=(),
                        near_limit=(), influence=(), probabilities=probabilities_of('none'))
 
+    def in_doubt(self) -> 'Diagnosis':
+        """The same data if more than their causes differs: no cause is established."""
+        partial = tuple(replace(cause, partial=True) for cause in self.causes)
+        return replace(self, verdict='unknown', causes=partial, complete=False,
+                       probabilities=probabilities_of('unknown', partial))
+
     def title_of(self, group: str) -> str:
         """Titles of the effects of 'first_id or second_id'; another outcome as it is."""
         titles = self.fits.metric.problem.titles
