@@ -23,6 +23,9 @@ An effect in a parameter file extends the model in every simulation, live and of
       radial_friction: {force: 8000.0, presliding: 2.0e-6}
       probe_gain: {probe: 3.0, gain: 0.02}
 
+`raceway_waves`, the amplitudes of waves of the raceways, may stand in such a file, too. No
+diagnosis names them as a cause ([Raceways that wave](../diagnosis.md#raceways-that-wave)).
+
 Units are SI. The default of a parameter is the value in the column *start*, that of a choice its
 first value. *Typical* is a size that a real rig may have. Bounds and typical sizes are project
 assumptions, not properties of a measured rig. They are those of a rig of 25 t with a pitch radius

@@ -86,14 +86,15 @@ def own_files() -> tuple[Path, ...]:
 
 
 def catalogue() -> dict[str, RingEffect]:
-    """Every effect by its id, in alphabetical order, those of the user's folder included."""
+    """Every possible cause by its id, in alphabetical order, with those of the user's folder."""
     folder = os.environ.get(FOLDER_VARIABLE, '')
-    return dict(sorted({**_shipped(), **(_of_folder(folder) if folder else {})}.items()))
+    known = {**_shipped(), **(_of_folder(folder) if folder else {})}
+    return {name: one for name, one in sorted(known.items()) if one.is_searched}
 
 
 def effect(effect_id: str) -> RingEffect:
     """The effect of that id; EffectError that names the ids spelled most like it."""
-    known = catalogue()
+    known = {**_shipped(), **catalogue()}
     if effect_id in known:
         return known[effect_id]
     near = difflib.get_close_matches(effect_id, known, n=3, cutoff=0.5)

@@ -128,6 +128,7 @@ class RingEffect:
 
     A subclass states the class attributes; a walk of the folder finds it. Its id is the name of
     its file. What it does is stated by its parameters (`adds_to`), or by its own `extend`.
+    is_searched: whether a diagnosis looks for it; else it stands in parameter files only.
     starts: first guesses for effects that need several (searched places, times); a missing name
     takes the start of its parameter. The first variant is the default. channels: in which the
     cause shows, by default in every coordinate of the motion.
@@ -145,6 +146,7 @@ class RingEffect:
     choices: ClassVar[tuple[Choice, ...]] = ()
     starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
+    is_searched: ClassVar[bool] = True
     line: ClassVar[bool] = False              # a steady line, at rest too
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 

@@ -12,6 +12,7 @@ from saddlering_ros.diagnosis.rig_dimensions import entry_of
 from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
+from saddlering_ros.effects.raceway_waves import shown_sizes
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
@@ -424,8 +425,8 @@ def of_file(parameters: ParameterSet) -> str:
         rows.append([code(name), quantity(value, PARAMETER_UNITS[name], std), interval(value, std),
                      '' if reason is None else f'{UNDETERMINED}: {reason}'])
     rows += _per_millimetre(values_of, source.undetermined)
-    rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
-             for effect, values in parameters.effects.items() for name, value in values.items()]
+    rows += [[code(name), f'{compact(value, 5)} (SI)', '', '']
+             for name, value in shown_sizes(parameters.effects)]
     words = 'As given' if source.method == 'given' else f'By the method "{source.method}"'
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(
