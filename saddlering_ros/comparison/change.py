@@ -14,13 +14,20 @@ from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES, TwoSessions
 from saddlering_ros.comparison.wear import figures_of_sessions, judged_wear, MakerFigures
 from saddlering_ros.diagnosis import next_test, rig_dimensions
-from saddlering_ros.diagnosis.raceways import wave_words, with_raceways
+from saddlering_ros.diagnosis.raceways import with_raceways
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.ring_wording import elsewhere_words, place_of, title_of, value_words
+from saddlering_ros.diagnosis.ring_wording import (
+    elsewhere_words,
+    place_of,
+    title_of,
+    value_words,
+    wave_words,
+)
 from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
+from saddlering_ros.effects.raceway_waves import rms_of
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
@@ -185,8 +192,8 @@ def compare_records(
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
     if ring.raceways:
-        said.append(f'the raceways wave by {wave_words(ring)} as far as the earlier session '
-                    'shows: the contact law before is fitted with them, and has no interval')
+        said.append(f'{wave_words(rms_of(ring.raceways))} are as far as the earlier session shows '
+                    'them: the contact law before is fitted with them, and has no interval')
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
@@ -198,7 +205,7 @@ def compare_records(
         replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), differs, left,
         sessions.WAVY_DEFINITION if ring.raceways else sessions.DEFINITION)
     if doubts and diagnosis.verdict != 'none':
-        diagnosis = sessions.in_doubt(diagnosis)
+        diagnosis = diagnosis.in_doubt()
     if not diagnosis.complete:
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')

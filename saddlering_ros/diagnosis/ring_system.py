@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import compress
+import math
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions, ring_wording
 from saddlering_ros.diagnosis.records import Array, LoadGrid
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
+from saddlering_ros.effects.base import OvalGap
 from saddlering_ros.effects.extension import MOTION, RingExtension
 from saddlering_ros.effects.law import Law
+from saddlering_ros.effects.raceway_waves import Raceways, waved
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.ring import small_errors
@@ -44,16 +47,14 @@ number in a run."""
 WAVE_SPREAD = 1e-5
 """Standard deviation [m] of the amplitude of a wave where raceways are not even."""
 
+WAVE_REACH = 1e-4
+"""Largest size [m] of a combination of waves that is fitted beside causes."""
+
 WAVE_STEP = 1e-7
 """Step [m] of its sensitivity: within it few rollers begin to touch."""
 
 KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
-
-
-Raceways = tuple[tuple[float, ...], ...]
-"""Waves [m] of the gaps in the upper, the lower and the radial row, as in `RowGeometry.waves`; or
-none."""
 
 Candidate = tuple[Array, RingExtension]
 """A contact law (6,) and an extension of the ring."""
@@ -64,7 +65,7 @@ def by_tangents(system: 'RingSystem', groups: Sequence[Sequence[Point]]) -> Neig
     if any(system.laws(group[0]) for group in groups):
         return lambda run: [system.predict_many(run, group) for group in groups]
     return along_tangents(
-        system, [[(point.base, system.extension(point)) for point in group] for group in groups])
+        system, [[system.candidate(point) for point in group] for group in groups])
 
 
 def along_tangents(
@@ -110,12 +111,14 @@ class RingSystem:
     """The engine's `System` for one rig.
 
     bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
-    differs from the file; raceways: waves that are known.
+    differs from the file; raceways: waves that are known; directions: combinations of their
+    amplitudes (unit vectors), of which the sizes are base parameters beside the contact law.
     """
 
     rig: Rig
     bounds_rig: Rig | None = None
     raceways: Raceways = ()
+    directions: Raceways = ()
     _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -133,16 +136,23 @@ class RingSystem:
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
         starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
-        return tuple(
+        law = (
             Parameter(*self.rig.bounds[name], name=name,
                       start=float(np.clip(starts[name], *self.rig.bounds[name])),
                       scale='linear' if name.startswith('n') else 'log',
                       unit=PARAMETER_UNITS[name], step=FINE_STEP)
             for name in PARAMETER_NAMES)
+        sizes = (float(np.dot(one, np.ravel(self.raceways))) for one in self.directions)
+        return (*law, *(
+            Parameter(-WAVE_REACH, WAVE_REACH, name=f'waves {number}', unit='m',
+                      start=float(np.clip(size, -WAVE_REACH, WAVE_REACH)),
+                      step=WAVE_STEP / (2.0 * WAVE_REACH))
+            for number, size in enumerate(sizes, 1)))
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         return tuple(one for effect in catalogue_of_effects.catalogue().values()
+                     if not (self.directions and isinstance(effect, OvalGap))
                      for one in engine_effects(effect, self.rig))
 
     @cached_property
@@ -175,7 +185,7 @@ class RingSystem:
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         if any(map(rig_dimensions.has_dimensions, points)):
             return np.concatenate(self._by_rig([[point] for point in points])(run))
-        candidates = [(point.base, self.extension(point)) for point in points]
+        candidates = [self.candidate(point) for point in points]
         answer, grid = self.simulated(run, candidates), run.payload
         for number, point in enumerate(points):
             if not (laws := self.laws(point)):
@@ -230,12 +240,12 @@ class RingSystem:
         parts, known = [], []
         for run, point in zip(runs, points, strict=True):
             usual = self.predict_many(run, [point])[0]  # A law of the user is in it.
-            touching = self.extension(point).only(MOTION)
-            contacts = self._four_probes(run, [(point.base, touching)])[0]
+            law, extension = self.candidate(point)
+            contacts = self._four_probes(run, [(law, extension.only(MOTION))])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             scatter = small_errors.scatter_columns(
-                self.rig, point.base, grid.elevation, grid.zero_load, run.time, contacts,
+                self.rig, law, grid.elevation, grid.zero_load, run.time, contacts,
                 static=static)[self.seen]
             parts.append(np.concatenate([scatter, self._wave_columns(run, point)], axis=2))
             known.append(np.stack([
@@ -254,14 +264,16 @@ class RingSystem:
         """Changes (C, N, k) by one standard deviation of each wave; none without waves."""
         if not self.raceways:
             return np.empty((*run.channels.shape, 0))
-        usual, flat = self.extension(point), np.zeros((3, max(map(len, self.raceways))))
-        others = []
-        for place in np.ndindex(flat.shape):
-            wave = flat.copy()
-            wave[place] = WAVE_STEP
-            others.append((point.base, waved(usual, tuple(map(tuple, wave.tolist())))))
-        [every] = along_tangents(self, [[(point.base, usual), *others]])(run)
-        return np.moveaxis((every[1:] - every[0]) * (WAVE_SPREAD / WAVE_STEP), 0, -1)
+        law, usual = self.candidate(point)
+        shape = np.shape(self.raceways)
+        others = [(law, waved(usual, wave.reshape(shape).tolist()))
+                  for wave in WAVE_STEP * np.eye(math.prod(shape))]
+        [every] = along_tangents(self, [[(law, usual), *others]])(run)
+        columns = np.moveaxis((every[1:] - every[0]) * (WAVE_SPREAD / WAVE_STEP), 0, -1)
+        if not self.directions:
+            return columns
+        fitted = np.array(self.directions)
+        return np.asarray(columns - columns @ fitted.T @ fitted)
 
     def _predict_by(self, run: RunBlocks, point: Point, rig: Rig) -> Array:
         """Channels (C, N) of a run if the ring had the dimensions of another rig."""
@@ -289,10 +301,10 @@ class RingSystem:
         changes, places = [], []
         for run, point in zip(runs, points, strict=True):
             grid: LoadGrid = run.payload
-            extension = self.extension(point)
+            law, extension = self.candidate(point)
             # Change (C, N) by one more newton in all of the run, its zero included.
             less, more = self.simulated(run, [
-                (point.base, replace(extension, load_offset=extension.load_offset + change))
+                (law, replace(extension, load_offset=extension.load_offset + change))
                 for change in (step, -step)])
             per_newton = _beside((more - less) / (2.0 * step))
             white = 0.0 if grid.load_noise is None else grid.load_noise
@@ -319,7 +331,7 @@ class RingSystem:
         grid, step = run.payload, LOAD_STEP * self.rig.full_scale_load
         less, more = (
             self.simulated(replace(run, payload=replace(grid, load=grid.load + change)),
-                           [(point.base, self.extension(point))])[0]
+                           [self.candidate(point)])[0]
             for change in (-step, step))
         return {'hydraulic_load': (more - less) / (2.0 * step)}
 
@@ -327,9 +339,19 @@ class RingSystem:
         """The start of the zero window."""
         return float(run.payload.time[0])
 
-    def extension(self, point: Point) -> RingExtension:
-        """Extension parameters that the effects of a point set."""
-        return self._read(point)[0]
+    def candidate(self, point: Point) -> Candidate:
+        """The contact law of a point, and the extension that its effects and waves set."""
+        law = point.base[:len(PARAMETER_NAMES)]
+        return law, waved(self._read(point)[0], self.raceways_at(point.base))
+
+    def raceways_at(self, base: Array) -> Raceways:
+        """The waves of a ring with these base parameters."""
+        if not self.directions:
+            return self.raceways
+        known, directions = np.ravel(self.raceways), np.array(self.directions)
+        moved = (base[len(PARAMETER_NAMES):] - directions @ known) @ directions
+        amplitudes: Raceways = (known + moved).reshape(np.shape(self.raceways)).tolist()
+        return amplitudes
 
     def laws(self, point: Point) -> Sequence[Law]:
         """The laws of the user's own effects at a point."""
@@ -343,20 +365,9 @@ class RingSystem:
                 self._kept.clear()
             effects = rig_dimensions.without_dimensions(point).effects
             self._kept[key] = (
-                waved(catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
-                      self.raceways),
+                catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
                 catalogue_of_effects.laws_of(effects))
         return self._kept[key]
-
-
-def waved(extension: RingExtension, raceways: Raceways) -> RingExtension:
-    """The extension on a ring with these waves."""
-    if not raceways:
-        return extension
-    rows = (extension.upper_row, extension.lower_row, extension.radial_row)
-    upper, lower, radial = (
-        row.beside(waves) for row, waves in zip(rows, raceways, strict=True))
-    return replace(extension, upper_row=upper, lower_row=lower, radial_row=radial)
 
 
 def _beside(per_newton: Array) -> Array:

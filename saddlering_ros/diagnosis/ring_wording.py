@@ -100,7 +100,8 @@ class VerdictDocument(TypedDict, total=False):
     remainder: what is left beyond noise, by run and channel. simulated_tests: of an `ambiguous`
     verdict, with shares of the draws that leave the true model alone. influence: what a stretch of
     a run adds to the evidence. immaterial: effects that are real and too small to matter. shapes:
-    every test of the misfit against a coordinate, before and after.
+    every test of the misfit against a coordinate, before and after. raceways: rms [m] of the waves
+    of each row that were fitted beside the causes.
     """
 
     verdict: str
@@ -130,6 +131,7 @@ class VerdictDocument(TypedDict, total=False):
     seed: int
     seconds: float
     proposal: dict[str, Any] | None
+    raceways: dict[str, float]
 
 
 def causes_of(document: VerdictDocument) -> list[CauseEntry]:
@@ -179,11 +181,20 @@ def headline(document: VerdictDocument) -> str:
         sizes.setdefault(tuple(cause['group']), []).append(size_of(cause))
     causes = [wording.cause_words([lowered(title_of(name)) for name in group], wording.joined(own))
               for group, own in sizes.items()]
+    beside = ''
+    if waves := document.get('raceways'):
+        beside = f' The model has {wave_words(waves)}, too.'
     if not document.get('remainder'):
-        return wording.lacking_words(causes)
+        return wording.lacking_words(causes) + beside
     rest, gain = document['remainder'][0], document['gain']
     return wording.lacking_words(causes, wording.rest_words(rest) + _beside(document, rest),
-                                 gain['fit'], gain['held_out'], gain['how'])
+                                 gain['fit'], gain['held_out'], gain['how']) + beside
+
+
+def wave_words(sizes: Mapping[str, float]) -> str:
+    """Waves of the raceways by the rms [m] of each row."""
+    told = [f'{quantity(size, "m", digits=2)} in the {row} row' for row, size in sizes.items()]
+    return f'waves of the raceways (rms {wording.joined(told)})'
 
 
 def _where(document: VerdictDocument) -> str:

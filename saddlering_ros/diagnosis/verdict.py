@@ -17,7 +17,9 @@ from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import Array, LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
+from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis
+from saddlering_ros.effects.raceway_waves import as_effect, Raceways, rms_of
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
@@ -64,11 +66,14 @@ def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: i
     alone: the identification of the runs, or the reason why they cannot be identified. With
     causes in the model, the values after are those of the engine.
     """
-    covariance = diagnosis.fits.base_covariance
+    # The base has waves of the raceways, too, where these are fitted.
+    law_alone, law_beside = ({name: base[name] for name in PARAMETER_NAMES}
+                             for base in (diagnosis.base_alone, diagnosis.base))
+    covariance = diagnosis.fits.base_covariance[:len(law_beside), :len(law_beside)]
     if isinstance(alone, str):
-        before = _still_open(diagnosis.base_alone, {}, elevations)
-        after = _still_open(diagnosis.base, before, elevations)
-        return ContactLaw(diagnosis.base_alone, diagnosis.base, covariance, before, after, alone)
+        before = _still_open(law_alone, {}, elevations)
+        after = _still_open(law_beside, before, elevations)
+        return ContactLaw(law_alone, law_beside, covariance, before, after, alone)
     estimates = {
         name: discrepancy.Estimate(value, deviation, PARAMETER_UNITS[name])
         for name, value, deviation in zip(
@@ -78,8 +83,8 @@ def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: i
         of_noise = alone.parameters.source.covariance
         assert of_noise is not None
         return ContactLaw(estimates, estimates, of_noise, alone.reasons, alone.reasons)
-    after = _still_open(diagnosis.base, alone.reasons, elevations)
-    return ContactLaw(estimates, diagnosis.base, covariance, alone.reasons, after)
+    after = _still_open(law_beside, alone.reasons, elevations)
+    return ContactLaw(estimates, law_beside, covariance, alone.reasons, after)
 
 
 def _still_open(
@@ -143,8 +148,15 @@ class Verdict:
     def verdict(self) -> str:
         return self.diagnosis.verdict
 
+    @property
+    def raceways(self) -> Raceways:
+        """Waves of the raceways beside the causes; none where they were not fitted."""
+        system = self.diagnosis.fits.metric.problem.system
+        assert isinstance(system, RingSystem)
+        return system.raceways_at(self.diagnosis.fits.after.point.base)
+
     def extended_parameters(self) -> ParameterSet:
-        """Contact parameters after the diagnosis, with the effects found.
+        """Contact parameters after the diagnosis, with the effects found and waves of raceways.
 
         Steady lines are left out, because their phase is new in every run, and dimensions, which
         belong in the rig file.
@@ -154,6 +166,7 @@ class Verdict:
             cause.effect: {name: size.value for name, size in cause.parameters.items()}
             for cause in self.diagnosis.causes if self.verdict in ('named', 'ambiguous')
             and not cause.definition.line and not title_of_dimension(cause.effect)}
+        effects |= as_effect(self.raceways)
         made = self.provenance(held_out=False)
         source = ParameterSource(
             method='diagnose', bags=tuple(origin.path for origin in made.bags),
@@ -209,7 +222,8 @@ class Verdict:
             'notes': list(self.notes),
             'provenance': self.provenance().as_dict(),
             'seed': self.seed,
-            'seconds': diagnosis.seconds})
+            'seconds': diagnosis.seconds,
+            **({'raceways': rms_of(self.raceways)} if self.raceways else {})})
         document['headline'] = ring_wording.headline(document)
         return document
 
@@ -229,8 +243,9 @@ def run_figures(
     curves = [np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
               for motion in motions]
     grid: LoadGrid = run.payload
-    sound = np.append(sound_deviation(rig, diagnosis.fits.before.point.base, grid.elevation,
-                                      grid.block_means(grid.load), grid.zero_load), 0.0)
+    law = diagnosis.fits.before.point.base[:len(PARAMETER_NAMES)]
+    sound = np.append(sound_deviation(
+        rig, law, grid.elevation, grid.block_means(grid.load), grid.zero_load), 0.0)
     for index, name in enumerate(CHANNELS):
         if name not in views:
             continue  # A probe is absent.

@@ -161,7 +161,7 @@ def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(befo
     doubts = check_sessions(at('0'), moved)[1]
     assert list(doubts.values()) == [
         'Repeat the later session at the slewing angle of the earlier one.']
-    doubted = sessions.in_doubt(grown.diagnosis)
+    doubted = grown.diagnosis.in_doubt()
     assert (doubted.verdict, doubted.complete) == ('unknown', False)
     assert all(cause.partial for cause in doubted.causes)
 
@@ -227,7 +227,7 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     stated = with_main_cause(unsure, cause.visible, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
     assert stated.probabilities['radial_friction'] > 0.9
-    assert sessions.in_doubt(stated).probabilities['radial_friction'] < 0.2
+    assert stated.in_doubt().probabilities['radial_friction'] < 0.2
     force, wider = (one.parameters['force'] for one in (cause, stated.causes[0]))
     assert wider.std == pytest.approx(
         np.hypot(force.std, np.hypot(0.2, sessions.DEFINITION) * force.value))
@@ -387,7 +387,7 @@ def test_an_error_beside_a_cause_at_its_bound_stays_within_the_bounds():
     error = next(one for one in system.persistent if 'worn_sector_radial' in one)
     worn = {**error['worn_sector_radial'], 'wear': 1.0}
     _, other = beside(Point(TRUE_TO_SCALE.to_array(), {'worn_sector_radial': worn}), error, RIG)
-    assert system.ring.extension(other)
+    assert system.ring.candidate(other)[1]
 
 
 def test_a_remainder_of_a_change_has_the_units_of_the_ring():

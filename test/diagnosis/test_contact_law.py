@@ -42,10 +42,10 @@ def test_none_explains_a_factor_of_identify_that_is_more_than_a_sound_ring_leave
     assert note.startswith(f'identify finds {alone.sound_factor:.2f} times the misfit of noise')
 
 
-def diagnosis(causes=(), std=0.001):
-    base = {name: Estimate(1.0, std, '') for name in PARAMETER_NAMES}
+def diagnosis(causes=(), std=0.001, more=()):
+    base = {name: Estimate(1.0, std, '') for name in (*PARAMETER_NAMES, *more)}
     return SimpleNamespace(causes=causes, base_alone=base, base=base,
-                           fits=SimpleNamespace(base_covariance=np.eye(6)))
+                           fits=SimpleNamespace(base_covariance=np.eye(len(base))))
 
 
 def test_without_a_cause_values_and_reasons_are_those_of_identify(found):
@@ -71,6 +71,14 @@ def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
     law = contact_law(diagnosis(('a cause',)), found, 1)
     assert law.after['K1'].value == 1.0
     assert law.reasons_after['n1'] == found.reasons['n1']
+
+
+@pytest.mark.parametrize('alone', ['found', 'no unloading branch'])
+def test_fitted_waves_are_no_part_of_the_contact_law(alone, found):
+    wavy = diagnosis(('a cause',), more=('waves 1', 'waves 2'))
+    law = contact_law(wavy, found if alone == 'found' else alone, 1)
+    assert [*law.after] == [*law.before] == [*PARAMETER_NAMES]
+    assert law.covariance.shape == (6, 6)
 
 
 def test_where_identify_refuses_its_words_stay_and_wide_parameters_are_open():

@@ -337,11 +337,17 @@ def a_line(cosine: float, sine: float, frequency: float) -> dict:
         name: {'value': value, 'std': 0.0, 'unit': unit} for name, (value, unit) in sizes.items()}}
 
 
-def test_lines_are_told_in_one_phrase_with_amplitudes_and_frequencies():
+def test_lines_are_told_in_one_phrase_and_waves_of_the_raceways_in_another():
     causes = [a_line(1.2e-6, 1.6e-6, 50.0), a_line(-3.58e-7, 0.0, 100.0)]
     assert headline({'verdict': 'named', 'causes': causes}) == (
         'The simulation lacks mains pickup (probe 2 amplitude 2.00 µm at 50.0 Hz and '
         'probe 2 amplitude 358 nm at 100 Hz).')
+    assert headline({
+        'verdict': 'named', 'causes': causes[1:],
+        'raceways': {'upper': 2e-5, 'lower': 1.2e-5, 'radial': 8e-6}}) == (
+        'The simulation lacks mains pickup (probe 2 amplitude 358 nm at 100 Hz). The model has '
+        'waves of the raceways (rms 20 µm in the upper row, 12 µm in the lower row and 8.0 µm in '
+        'the radial row), too.')
     assert ring_wording.parameter_words(causes[0]) == (
         'probe 2, amplitude 2.00 µm, frequency 50.0 Hz')
 

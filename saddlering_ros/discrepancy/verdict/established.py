@@ -45,12 +45,6 @@ MIN_REDUCTION = 1.0 - (1.0 - MIN_TAKEN) ** 0.5
 0.84 and 0.87 with intervals of their size that hold zero, a crack that stood in for a rub 0.48,
 and 40 sound machines and stand-ins 0.20 at most."""
 
-MIN_TIMES_NEARLY_ALL = MIN_TIMES / 2.0
-"""Size over the spread of small errors from which a cause stands out that takes `MIN_TAKEN` of
-what the other effects leave: what is left is small by measure. Friction with 97 % of the power of
-a misfit had 35 times; no stand-in of dirty rings with 20 to 40 times takes so much and passes all
-other rules."""
-
 MIN_SHARED = 0.5
 """Share of refits with the same first cause up to which nothing is established: other answers come
 as often. Of 625 causes established in sealed draws of docs/benchmarks, 624 were at 0.73 and above,
@@ -318,14 +312,14 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
         name not in real or name in inputs or not among.stands_out(name))]
 
 
-def _min_times(published: Publication, name: str) -> float:
+def _min_times(among: Among, published: Publication, name: str) -> float:
     """Size over the spread from which an effect stands out by what it takes.
 
     Beside a view of which it takes nearly all, it can leave much of another one that it moves.
     """
     taken = published.member_shares.get(name, published.shares)
     takes_all = taken and taken.best >= MIN_TAKEN and taken.worst_fitted[1] >= MIN_TAKEN
-    return MIN_TIMES_NEARLY_ALL if takes_all else MIN_TIMES
+    return among.space.settings.nearly_all_times if takes_all else MIN_TIMES
 
 
 def small_secondary_causes(published: Publication, main: str) -> list[str]:
@@ -352,7 +346,7 @@ def doubts_among(
     doubts += [wording.worse_prediction_words(title, -cause.gain.held_out, cause.gain.how)
                for cause in published.causes
                if cause.effect == name and cause.gain.held_out and cause.gain.held_out < 0.0]
-    least = _min_times(published, name)
+    least = _min_times(among, published, name)
     if among.times(name) < least:
         doubts.append(wording.NO_OUTLIER.format(title, among.times(name), least))
     group, other, margin = among.group_of(name)
@@ -380,7 +374,7 @@ def _is_as_large(among: Among, published: Publication, other: str, main: str) ->
     than a right cause may leave can move much: a base parameter imitates it.
     """
     ratio = (among.best.visible[other] / among.best.visible[main]) ** 2
-    if among.stands_out(other, _min_times(published, other)):
+    if among.stands_out(other, _min_times(among, published, other)):
         return ratio > 1.0 / MAINLY
     taken = published.member_shares.get(other)  # None where it is at a bound
     return ratio > MAINLY and (taken is None or taken.best > 1.0 - MIN_TAKEN)
