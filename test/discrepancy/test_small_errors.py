@@ -288,6 +288,7 @@ def among_of(
         falls_in_one_view=lambda space, model, name: {})
     space: Any = SimpleNamespace(
         inputs=[SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs],
+        settings=system.Settings(),
         problem=SimpleNamespace(titles={name: name for name in best.visible}),
         titles_of=lambda fit: [*fit.candidate.ids])
     return searching.Among(space, best, others, errors)
@@ -520,6 +521,8 @@ def test_a_cause_that_takes_nearly_all_stands_out_with_half_the_size(
     among = among_of(model_of(60.0, friction=visible), [model_of(0.0)])
     shares = replace(of_gamma(taken), worst_fitted=('tilt', elsewhere))
     assert bool(doubts_about('friction', among, shares)) == is_refused
+    among.space.settings = system.Settings(nearly_all_times=40.0)  # as beside fitted waves
+    assert bool(doubts_about('friction', among, shares)) == (visible < 0.004)
 
 
 def test_a_model_whose_effects_cancel_widens_no_interval() -> None:
