@@ -228,10 +228,8 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
 
 def _unestablished(diagnosis: results.Diagnosis, *, is_more: bool = False) -> results.Diagnosis:
     """The same without a name; is_more: whether the misfit is surely more than the noise."""
-    causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
-    return replace(
-        diagnosis, verdict='unknown', causes=causes, complete=False,
-        probabilities=results.probabilities_of('unknown', causes) if causes or is_more else OPEN)
+    doubted = diagnosis.in_doubt()
+    return doubted if doubted.causes or is_more else replace(doubted, probabilities=OPEN)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

@@ -255,8 +255,8 @@ class Effect:
         size, sizes = self.size, [0.2, 0.5, 0.8]
         if size.scale != 'log':
             origin = min(max(self.neutral, size.low), size.high)
-            sizes = [size.to_unit(origin + part * (end - origin))
-                     for end in (size.high, size.low) if end != origin
+            sizes = [size.to_unit(origin + part * (end - origin)) for end in (size.high, size.low)
+                     if end != origin
                      for part in (SIZES if size.neutral is None else (*SIZES, FAR))]
         shapes = self.ordered[1:]
         usual = [shape.first_guess for shape in shapes]
@@ -319,9 +319,8 @@ class RunBlocks:
             raise DiscrepancyError(f'run {self.name}: channels have shape {self.channels.shape}: '
                                    f'give (C, {self.time.size})')
         if self.time.size < MIN_SAMPLES:
-            raise DiscrepancyError(
-                f'run {self.name}: {self.time.size} samples are too few: give at least '
-                f'{MIN_SAMPLES}')
+            raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few: give '
+                                   f'at least {MIN_SAMPLES}')
         if not np.isfinite(self.channels).all():
             raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number: '
                                    'leave its sample out')
@@ -409,20 +408,17 @@ class Settings:
     """Strictness of a diagnosis. The values were chosen before the blind trials that check them.
 
     error_rate: chance of a false cause on clean data; materiality: share of a channel's range
-    below which a finding is only listed; max_causes: largest number of causes; refits:
-    candidates refitted at each step; min_partial: share of the remaining misfit that a member
-    of a model must explain, in all or in one channel; min_total: share of the misfit that all
-    causes together must explain to be named; alternative_rate: chance that noise alone puts
-    the true cause so far behind an alternative that it leaves the group; alternative_share: an
-    alternative stays in the group while its additional misfit is within this share of the
-    residual; form_error: share of the misfit explained by an effect that its simplified law
-    may leave: prior of the forms of a law, and misfit within which alternatives stay in the
-    group; rounds: least-squares rounds of each candidate;
-    max_rounds: least-squares rounds of the fits behind the verdict; nearly_all_times: size over
-    the spread of small errors from which a cause stands out that takes 85 % of what the other
-    effects leave: friction with 97 % of the power of a misfit had 35 times, and no stand-in of
-    dirty rings with 20 to 40 times takes so much and passes all other rules; seed: of random
-    starts.
+    below which a finding is only listed; max_causes: largest number of causes; refits: candidates
+    refitted at each step; min_partial: share of the remaining misfit that a member of a model must
+    explain, in all or in one channel; min_total: share of the misfit that all causes together must
+    explain to be named; alternative_rate: chance that noise alone puts the true cause so far
+    behind an alternative that it leaves the group; alternative_share: an alternative stays in the
+    group while its additional misfit is within this share of the residual; form_error: share of
+    the misfit explained by an effect that its simplified law may leave: prior of the forms of a
+    law, and misfit within which alternatives stay in the group; rounds: least-squares rounds of
+    each candidate; max_rounds: least-squares rounds of the fits behind the verdict;
+    nearly_all_times: size over the spread of small errors from which a cause stands out that takes
+    85 % of what others leave; seed: of random starts.
     """
 
     error_rate: float = CHANCE
@@ -441,8 +437,8 @@ class Settings:
 
 
 FREE_OFFSET = 1e7
-"""Spread of a free constant, in ranges: a counter or an absolute pressure may lie far from the
-simulated one, and a constant of 1500 ranges with a spread of ten hid a cause."""
+"""Spread of a free constant, in ranges: an absolute pressure can be far from a simulated one, and
+a constant of 1500 ranges with a spread of ten hid a cause."""
 
 
 @dataclass(frozen=True)

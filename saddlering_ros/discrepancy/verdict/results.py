@@ -372,8 +372,7 @@ class Diagnosis:
     @property
     def stability(self) -> float:
         """Share of the refits that end in the same first cause; 1 without refits."""
-        same = [refit.is_same for refit in self.refits] or [True]
-        return sum(same) / len(same)
+        return float(np.mean([refit.is_same for refit in self.refits] or [True]))
 
     def certainty(self) -> dict[str, Any]:
         """What is left, and how certain the verdict is, as JSON has it."""
@@ -400,8 +399,8 @@ class Diagnosis:
 
     def title_of(self, group: str) -> str:
         """Titles of the effects of 'first_id or second_id'; another outcome as it is."""
-        titles = self.fits.metric.problem.titles
-        return ' or '.join(titles.get(name, name) for name in group.split(' or '))
+        return ' or '.join(self.fits.metric.problem.titles.get(name, name)
+                           for name in group.split(' or '))
 
     def unpredicted(self, rests: Sequence[Remainder]) -> 'Diagnosis':
         """The same data with what held-out runs keep, and with `unknown` for `none` then.
@@ -413,12 +412,10 @@ class Diagnosis:
         if self.verdict == 'ambiguous' or not rests:
             return self
         is_none, largest = self.verdict == 'none', max(rests, key=lambda rest: rest.share_of_range)
-        changed = replace(
-            self, complete=False, remainder=tuple(sorted(
-                (*self.remainder, *rests), key=lambda rest: -rest.share_of_range)),
-            warnings=(*self.warnings, unpredicted_words(largest, has_causes=bool(self.causes))))
-        return replace(changed, verdict='unknown', probabilities=probabilities_of('unknown')
-                       ) if is_none else changed
+        ordered = sorted((*self.remainder, *rests), key=lambda rest: -rest.share_of_range)
+        changed = replace(self, complete=False, remainder=tuple(ordered), warnings=(
+            *self.warnings, unpredicted_words(largest, has_causes=bool(self.causes))))
+        return changed.in_doubt() if is_none else changed
 
     @property
     def headline(self) -> str:
