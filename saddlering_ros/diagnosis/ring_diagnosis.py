@@ -65,13 +65,16 @@ def diagnose_ring(
     diagnose = partial(
         discrepancy.diagnose, runs=fitted,
         hold_out=[record.run for record in records if record.run.held_out],
-        proposals=propose(rig, fitted), on_progress=on_progress, is_cancelled=is_cancelled)
-    diagnosis = diagnose(system, start=start, settings=Settings(seed=seed))
+        proposals=propose(rig, fitted), is_cancelled=is_cancelled)
+    diagnosis = diagnose(system, start=start, settings=Settings(seed=seed),
+                         on_progress=on_progress)
     of_waves: list[str] = []
     if diagnosis.verdict != 'none':
-        diagnosis, of_waves = _beside_waves(
-            system, records, diagnosis,
-            partial(diagnose, settings=Settings(seed=seed, nearly_all_times=BESIDE_WAVES)), watch)
+        beside_waves = partial(
+            diagnose, settings=Settings(seed=seed, nearly_all_times=BESIDE_WAVES),
+            on_progress=on_progress and (lambda report: on_progress(
+                replace(report, stage=f'beside waves: {report.stage}'))))
+        diagnosis, of_waves = _beside_waves(system, records, diagnosis, beside_waves, watch)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))

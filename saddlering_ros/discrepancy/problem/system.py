@@ -89,8 +89,7 @@ class Parameter:
             raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
             raise DiscrepancyError(f'{label}: a log scale needs a low above zero')
-        inside = self.start is None or self.low <= self.start <= self.high
-        if not (inside or self.periodic):
+        if not (self.periodic or self.start is None or self.low <= self.start <= self.high):
             raise DiscrepancyError(
                 f'{label}: start {self.start:g} is outside {self.low:g} to {self.high:g}')
 
