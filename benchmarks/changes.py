@@ -25,7 +25,7 @@ from pathlib import Path
 import tempfile
 import time as clock
 
-from dirty_ring import dirty_fault, hidden_in, MAIN, wavy
+from dirty_ring import dirty_fault, hidden_in, MAIN
 from frame import arguments, keep, kept_rows, share
 from independent import draw_ring, RIG, write
 from independent_faults import Hidden
@@ -91,8 +91,7 @@ def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, fold
             waves: float) -> list:
     """The bags of one session of the ring of a seed, read; draw: of the noise."""
     ring, _ = draw_ring(seed)
-    fault = dirty_fault(hidden, seed)
-    fault = wavy(fault, seed, waves) if waves else fault
+    fault = dirty_fault(hidden, seed, waves)
     courses = [course for course in usual_courses(RIG) if course.name in TESTS]
     paths = [write(record(ring, fault, course, 1000 * draw + first + number, noise),
                    first + number, folder / str(first)) for number, course in enumerate(courses)]
@@ -112,8 +111,7 @@ def compared(
 @cache
 def limits(seed: int, waves: float) -> dict[str, float]:
     """The smallest change of each cause that is named, from an unchanged pair of a ring."""
-    found = compared(seed, hidden_in('', seed), draw_ring(seed)[1], seed, UNCHANGED,
-                     waves)
+    found = compared(seed, hidden_in('', seed), draw_ring(seed)[1], seed, UNCHANGED, waves)
     return {item.effect: max(item.limit, item.material_limit)
             for item in found.diagnosis.observability.limits}
 

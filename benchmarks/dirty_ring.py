@@ -124,9 +124,10 @@ def dirty(fault: Fault, errors: Errors, phases: Errors) -> Fault:
         readings=(*fault.readings, readings))
 
 
-def dirty_fault(hidden: Hidden, seed: int) -> Fault:
-    """What is hidden, with the dirt of the ring of a seed."""
-    return dirty(hidden.fault, *errors_of(seed))
+def dirty_fault(hidden: Hidden, seed: int, waves: float = 0.0) -> Fault:
+    """What is hidden, with the dirt of the ring of a seed; waves: rms [um] on each raceway."""
+    fault = dirty(hidden.fault, *errors_of(seed))
+    return wavy(fault, seed, waves) if waves else fault
 
 
 def wavy(fault: Fault, seed: int, rms: float) -> Fault:
@@ -229,8 +230,7 @@ def row_of(
     began = clock.process_time()
     ring, noise = draw_ring(seed)
     hidden = hidden_in(effect, seed)
-    whole = dirty_fault(hidden, seed)
-    whole = wavy(whole, seed, waves) if waves else whole
+    whole = dirty_fault(hidden, seed, waves)
     with without(*[effect] * is_removed):
         found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     kind = 'removed' if is_removed else 'hidden'
