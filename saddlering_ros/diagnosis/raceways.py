@@ -49,7 +49,6 @@ NEARLY_ALL = 0.2
 """Share of it that is left at most, if waves are told of without an earlier session. On nine rings
 with waves of 20 um 0.02 to 0.26 were left, of an elevation error that was not listed 0.45."""
 
-
 LEFT_BY_GAPS = 0.005
 """Misfit as a share of range up to which causes at the gaps of rollers, as clearances or worn
 arcs, stay without waves. Alone on a ring they left 0.25 % at most; in place of waves, 1 to 5 %."""
@@ -89,13 +88,10 @@ def waves_beside(
         return None
     for start, beside in ((law, nothing), (law_beside, others)):
         session = _Session(system, runs, beside)
-        point = session.explained(start, watch)
-        if point is None:
-            continue
-        candidate = session.candidate(point)
-        if session.largest_misfit(candidate) <= EXPLAINED * left:
-            return replace(system, raceways=session.raceways_at(point),
-                           directions=session.directions(point)), candidate[0]
+        point = session.explained(start, watch, EXPLAINED * left)
+        if point is not None:
+            return (replace(system, raceways=session.raceways_at(point),
+                            directions=session.directions(point)), session.candidate(point)[0])
     return None
 
 
@@ -133,15 +129,15 @@ class _Session:
     runs: Sequence[RunBlocks]
     causes: RingExtension = NO_EXTENSION
 
-    def explained(self, law: Array, watch: Watch) -> Array | None:
-        """The fitted point, if this law does not fit and waves explain why."""
+    def explained(self, law: Array, watch: Watch, most: float = math.inf) -> Array | None:
+        """The fitted point, if this law does not fit, waves explain why and leave `most`."""
         misfit = self.largest_misfit((law, self.causes))
         if misfit <= NO_WAVES:
             return None
         watch.progress('waves of the raceways', watch.share)
         point = self.fitted(watch)
         left = self.largest_misfit(self.candidate(point))
-        return point if left <= EXPLAINED * misfit else None
+        return point if left <= min(EXPLAINED * misfit, most) else None
 
     def fitted(self, watch: Watch) -> Array:
         """The point that fits the increments of the probes best."""

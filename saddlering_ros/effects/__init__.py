@@ -85,16 +85,20 @@ def own_files() -> tuple[Path, ...]:
     return tuple(sorted(Path(folder).glob('*.yaml'))) if folder else ()
 
 
-def catalogue() -> dict[str, RingEffect]:
-    """Every possible cause by its id, in alphabetical order, with those of the user's folder."""
+def _known() -> dict[str, RingEffect]:
+    """Every effect by its id, in alphabetical order, with those of the user's folder."""
     folder = os.environ.get(FOLDER_VARIABLE, '')
-    known = {**_shipped(), **(_of_folder(folder) if folder else {})}
-    return {name: one for name, one in sorted(known.items()) if one.is_searched}
+    return dict(sorted({**_shipped(), **(_of_folder(folder) if folder else {})}.items()))
+
+
+def catalogue() -> dict[str, RingEffect]:
+    """The effects that a diagnosis can name as a cause, by their ids, in alphabetical order."""
+    return {name: one for name, one in _known().items() if one.is_searched}
 
 
 def effect(effect_id: str) -> RingEffect:
     """The effect of that id; EffectError that names the ids spelled most like it."""
-    known = {**_shipped(), **catalogue()}
+    known = _known()
     if effect_id in known:
         return known[effect_id]
     near = difflib.get_close_matches(effect_id, known, n=3, cutoff=0.5)
