@@ -343,8 +343,7 @@ class DiagnosisResult(ParametricResult):
         """Misfit of every run and channel before and after, beside the noise."""
         from saddlering_ros.report import figures
 
-        return Plot(figures.misfit(self.document['runs'], is_extended=bool(self.causes)),
-                    self._spare_inputs)
+        return Plot(figures.misfit(self.document), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report.reports import write_diagnosis_report

@@ -197,6 +197,11 @@ def wave_words(sizes: Mapping[str, float]) -> str:
     return f'waves of the raceways (rms {wording.joined(told)})'
 
 
+def base_words(raceways: Collection[object]) -> str:
+    """What a model without causes is called; raceways: those whose waves it has."""
+    return 'contact law with waves' if raceways else 'contact law alone'
+
+
 def _where(document: VerdictDocument) -> str:
     """Where the misfit is largest over the noise; '' if it is nowhere above it."""
     may_be_none = wording.may_be_none(document.get('probabilities', {}))
@@ -439,7 +444,7 @@ def document_text(document: VerdictDocument) -> str:
     if lines[-1]:
         lines.append('')
     lines += ["Misfit by run and channel, rms in % of the channel's range, with a constant "
-              'offset of each probe fitted (contact law alone / '
+              f'offset of each probe fitted ({base_words(document.get("raceways", ()))} / '
               + ('extended model / noise)' if is_extended else 'noise)')
               + (', small errors of the ring counted:' if document.get('remainder') else ':')]
     for run in document['runs']:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import smooth_rate
-from saddlering_ros.diagnosis.ring_wording import bag_name
+from saddlering_ros.diagnosis.ring_wording import (
+    bag_name, base_words, causes_of, VerdictDocument,
+)
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.memory_operators import direction_of
@@ -51,10 +53,10 @@ class RunCurves:
 
     time [s], load [N], direction (+1 load rises, -1 it falls), width [s] of the mean that a sample
     stands for: (N,) each; measured, before, after (4, N) [m, m, rad, m] in the order of CHANNELS:
-    as measured, simulated by the contact law alone, and by the extended model (the same array
+    as measured, simulated by the model without causes, and by the extended model (the same array
     where there is none); noise: rms noise of a sample by channel, in the channel's unit; sound:
     the same with small errors of a sound ring, where they are known; force_unit: unit in which
-    loads are shown, that of the rig file.
+    loads are shown, that of the rig file; base: what the model without causes is called.
     """
 
     name: str
@@ -71,6 +73,7 @@ class RunCurves:
     noise: Mapping[str, float]
     force_unit: str = 't'
     sound: Mapping[str, float] = field(default_factory=dict)
+    base: str = 'contact law alone'
 
     @property
     def load_in_unit(self) -> Array:
@@ -95,7 +98,7 @@ class RunCurves:
 
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
-    curves = []
+    curves, base = [], base_words(verdict.raceways)
     for figures in verdict.runs:
         run, test_run = figures.record.run, figures.record.test_run
         spans = dict(zip(figures.channels, np.ptp(figures.measured, axis=1), strict=False))
@@ -107,7 +110,7 @@ def curves_of(verdict: Verdict) -> list[RunCurves]:
             load=run.inputs['load'], measured=figures.measured, before=figures.before,
             direction=np.ones(run.time.size) if run.direction is None else run.direction,
             after=figures.after if verdict.diagnosis.causes else figures.before, noise=noise,
-            force_unit=verdict.rig.force_unit,
+            force_unit=verdict.rig.force_unit, base=base,
             sound={name: float(np.hypot(noise[name], channel.sound * spans[name]))
                    for name, channel in figures.channels.items() if channel.sound}))
     return curves
@@ -194,7 +197,7 @@ def curves_path(report: Path | str) -> Path:
 def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
     """Every run's curves as one table, one row per sample.
 
-    Columns: FACTS, then each channel measured, simulated by the contact law alone and, if any run
+    Columns: FACTS, then each channel measured, simulated by the model without causes and, if any run
     has it, by the extended model: [m], gamma [rad].
     """
     versions = {'measured': 'measured', 'simulated': 'before'}
@@ -256,7 +259,7 @@ def _compared(
         charts.line(over, np.where(here, measured, np.nan), colour, f'measured, load {words}',
                     width=4.5, opacity=0.45)
         for here, mark, colour, words in branches_of]
-    alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
+    alone = f'simulated, {run.base}' if run.is_extended else 'simulated'
     simulated = [charts.line(over, before, charts.BEFORE, alone, width=1.0)]
     if run.is_extended:
         simulated.append(charts.line(over, after, charts.AFTER, 'simulated, extended model', '--',
@@ -305,10 +308,11 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
-def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Chart:
-    """Misfit before and after, noise and a sound ring, for the `runs` of a verdict's JSON."""
+def misfit(document: VerdictDocument) -> Chart:
+    """Misfit of a verdict's runs before and after, beside noise and a sound ring."""
+    base, is_extended = base_words(document.get('raceways', ())), bool(causes_of(document))
     height, heights, words, series = 0.0, [], [], []
-    for run in runs:
+    for run in document['runs']:
         for name in [name for name in MOTION if name in run['channels']]:
             channel = run['channels'][name]
             before, after, floor, sound = (
@@ -317,7 +321,7 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
             drawn = [
                 charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
                 markers([floor], [height], '|', charts.NOISE, 'noise floor', size=12.0),
-                markers([before], [height], 'o', charts.BEFORE, 'contact law alone', size=6.5),
+                markers([before], [height], 'o', charts.BEFORE, base, size=6.5),
                 markers([after], [height], 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
             if channel.get('sound'):
@@ -332,8 +336,8 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
         0, 0, "rms misfit / % of the channel's range in the run", 'run and channel',
         tuple(series), x_is_log=True, y_ticks=Ticks(tuple(heights), tuple(words)),
         y_range=(height - 0.9, -0.8), shows_y_label=False, has_y_grid=False)
-    return Chart((panel,), width=8.6, height=1.2 + 0.235 * len(words) + 0.12 * len(runs),
-                 legend_columns=3)
+    return Chart((panel,), width=8.6, legend_columns=3,
+                 height=1.2 + 0.235 * len(words) + 0.12 * len(document['runs']))
 
 
 def residuals(run: RunCurves) -> Chart:
@@ -354,7 +358,7 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
     All but the spectrum with bands of noise and of a sound ring.
     """
     shown = [
-        (False, charts.BEFORE, 'contact law alone'), (True, charts.AFTER, 'extended model'),
+        (False, charts.BEFORE, run.base), (True, charts.AFTER, 'extended model'),
     ] if run.is_extended else [(False, charts.BEFORE, 'measured minus simulated')]
     load, unit, rate = run.load_in_unit, run.force_unit, smooth_rate(run.load_in_unit, run.time)
     over_load, by_branch, over_time, over_rate, over_frequency = (list[Series]() for _ in range(5))
@@ -384,7 +388,7 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
 
 def residual_map(runs: Sequence[RunCurves]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
-    versions = [(False, 'contact law alone'), (True, 'extended model')] if any(
+    versions = [(False, runs[0].base), (True, 'extended model')] if any(
         run.is_extended for run in runs) else [(False, 'measured minus simulated')]
     rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]
     names = tuple(f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows)

@@ -86,7 +86,7 @@ def test_text_from_bags_cannot_break_the_page():
 CHARTS = {
     'comparison': lambda: figures.comparison(RUNS[:2]), 'proof': lambda: figures.proof(
         RUNS[2], 'gamma'), 'residuals': lambda: figures.residuals(RUNS[2]),
-    'misfit': lambda: figures.misfit(document()['runs']),
+    'misfit': lambda: figures.misfit(document()),
     'residual map': lambda: figures.residual_map(RUNS)}
 
 
@@ -443,8 +443,21 @@ def test_a_verdict_without_causes_shows_one_simulation():
         before=np.zeros((4, 4)), after=np.zeros((4, 4)))
     fits = SimpleNamespace(before='the fit', after='the same fit, made again')
     verdict = SimpleNamespace(
-        runs=[shown], rig=default_rig(), diagnosis=SimpleNamespace(fits=fits, causes=()))
+        runs=[shown], rig=default_rig(), diagnosis=SimpleNamespace(fits=fits, causes=()),
+        raceways=())
     assert not figures.curves_of(verdict)[0].is_extended
+
+
+def test_a_model_with_waves_of_the_raceways_is_not_called_the_contact_law_alone():
+    said = document('named', raceways={'upper': 2e-5})
+    said['causes'][0]['title'] = 'Dry friction'
+    wavy = replace(run_curves(), base=ring_wording.base_words(said['raceways']))
+    shown = (document_text(said), chapters.misfit(said), str(chart_of(figures.misfit(said))),
+             *(str(chart_of(chart)) for chart in (
+                 figures.comparison([wavy]), figures.residuals(wavy), figures.residual_map([wavy]))))
+    for place in shown:
+        assert 'contact law with waves' in place
+        assert 'contact law alone' not in place
 
 
 def test_a_long_row_of_a_table_stands_as_a_list_on_a_phone():
@@ -455,7 +468,7 @@ def test_a_long_row_of_a_table_stands_as_a_list_on_a_phone():
 
 
 def test_a_logarithmic_axis_has_a_number_at_each_of_its_ticks():
-    axis = chart_of(figures.misfit(document()['runs']))['layout']['xaxis']
+    axis = chart_of(figures.misfit(document()))['layout']['xaxis']
     assert [float(words) for words in axis['ticktext']] == list(axis['tickvals'])
 
 
