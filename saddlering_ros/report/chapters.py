@@ -9,9 +9,7 @@ import numpy as np
 from saddlering_ros import quantities
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.rig_dimensions import entry_of
-from saddlering_ros.diagnosis.ring_wording import (
-    bag_name, base_words, causes_of, value_words, VerdictDocument,
-)
+from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.raceway_waves import shown_sizes
@@ -149,7 +147,8 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
             f'in each run, beside noise alone and a sound ring. {counted}'),
         html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel',
-             number(base_words(document.get('raceways', ()))), number('extended model'), number('noise floor')], rows,
+             number(ring_wording.base_words(document.get('raceways', ()))),
+             number('extended model'), number('noise floor')], rows,
             f"Rms misfit over the channel's range in that run. {counted}Small errors of the ring "
             'are a part of it, and no part of the rest that fits no cause. Parity is zero for a '
             f'rigid ring: its range is noise, so that its shares are large. {RED}')),

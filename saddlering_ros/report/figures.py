@@ -4,14 +4,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import smooth_rate
 from saddlering_ros.diagnosis.ring_wording import (
-    bag_name, base_words, causes_of, VerdictDocument,
+    bag_name,
+    base_words,
+    causes_of,
+    Shares,
+    VerdictDocument,
 )
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.identification.uncertainty import joint_outline
@@ -197,8 +201,8 @@ def curves_path(report: Path | str) -> Path:
 def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
     """Every run's curves as one table, one row per sample.
 
-    Columns: FACTS, then each channel measured, simulated by the model without causes and, if any run
-    has it, by the extended model: [m], gamma [rad].
+    Columns: FACTS, then each channel measured, simulated by the model without causes and, if any
+    run has it, by the extended model: [m], gamma [rad].
     """
     versions = {'measured': 'measured', 'simulated': 'before'}
     if any(run.is_extended for run in curves):
@@ -314,7 +318,7 @@ def misfit(document: VerdictDocument) -> Chart:
     height, heights, words, series = 0.0, [], [], []
     for run in document['runs']:
         for name in [name for name in MOTION if name in run['channels']]:
-            channel = run['channels'][name]
+            channel = cast(Shares, run['channels'][name])
             before, after, floor, sound = (
                 100.0 * max(channel.get(key) or 0.0, 1e-6)
                 for key in ('nrmse_before', 'nrmse_after', 'noise_floor', 'sound'))

@@ -452,10 +452,10 @@ def test_a_model_with_waves_of_the_raceways_is_not_called_the_contact_law_alone(
     said = document('named', raceways={'upper': 2e-5})
     said['causes'][0]['title'] = 'Dry friction'
     wavy = replace(run_curves(), base=ring_wording.base_words(said['raceways']))
-    shown = (document_text(said), chapters.misfit(said), str(chart_of(figures.misfit(said))),
-             *(str(chart_of(chart)) for chart in (
-                 figures.comparison([wavy]), figures.residuals(wavy), figures.residual_map([wavy]))))
-    for place in shown:
+    charts_shown = (figures.misfit(said), figures.comparison([wavy]), figures.residuals(wavy),
+                    figures.residual_map([wavy]))
+    for place in (document_text(said), chapters.misfit(said),
+                  *(str(chart_of(chart)) for chart in charts_shown)):
         assert 'contact law with waves' in place
         assert 'contact law alone' not in place
 
