@@ -84,7 +84,8 @@ class Problem:
 
     all_runs: the fitted and the held-out runs; start: first guesses of base parameters by name,
     in their units, None for the declared starts; proposals: tests of which one is chosen if
-    causes cannot be told apart; simulations: number of points that were simulated.
+    causes cannot be told apart; simulations: number of points that were simulated. runs: those
+    that are fitted; measured (n,): all their channels; slices: run index, channel, slice of it.
     """
 
     system: systems.System
@@ -98,21 +99,22 @@ class Problem:
     _at_once: int = field(default=1, init=False)
 
     def __post_init__(self) -> None:
+        self.runs = tuple(run for run in self.all_runs if not run.held_out)
+        self.held_out = [run for run in self.all_runs if run.held_out]
         if not self.runs:
             raise DiscrepancyError('diagnose: every run is held out: leave at least one to fit')
+        self.measured = np.concatenate([run.channels.ravel() for run in self.runs])
+        self.size = self.measured.size
+        self.slices: list[tuple[int, int, slice]] = []
+        start = 0
+        for index, run in enumerate(self.runs):
+            for channel, row in enumerate(run.channels):
+                self.slices.append((index, channel, slice(start, start + row.size)))
+                start += row.size
 
     def with_runs(self, runs: Sequence[RunBlocks]) -> 'Problem':
         """The same problem with other runs."""
         return replace(self, all_runs=runs)
-
-    @cached_property
-    def runs(self) -> tuple[RunBlocks, ...]:
-        """The fitted runs."""
-        return tuple(run for run in self.all_runs if not run.held_out)
-
-    @property
-    def held_out(self) -> list[RunBlocks]:
-        return [run for run in self.all_runs if run.held_out]
 
     @cached_property
     def titles(self) -> dict[str, str]:
@@ -156,26 +158,6 @@ class Problem:
         return np.array([
             one.to_unit(self.start[name]) if name in self.start else one.first_guess
             for name, one in parameters.items()])
-
-    @cached_property
-    def size(self) -> int:
-        """Length n of a stacked vector."""
-        return sum(run.channels.size for run in self.runs)
-
-    @cached_property
-    def slices(self) -> tuple[tuple[int, int, slice], ...]:
-        """(run index, channel, slice of the stacked vector)."""
-        parts, start = [], 0
-        for index, run in enumerate(self.runs):
-            for channel in range(run.channels.shape[0]):
-                parts.append((index, channel, slice(start, start + run.time.size)))
-                start += run.time.size
-        return tuple(parts)
-
-    @cached_property
-    def measured(self) -> Array:
-        """All channels of all runs (n,)."""
-        return np.concatenate([run.channels.ravel() for run in self.runs])
 
     @cached_property
     def channel_ranges(self) -> Array:
