@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem import fits as fitting
-from saddlering_ros.discrepancy.problem.fits import Fit, Gain, GainMetric, Key, plain_fits, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit, Gain, GainMetric, plain_fits, PRIOR
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
@@ -149,51 +149,22 @@ def _metric_of(space: ModelSpace) -> Metric:
     return space.metric if space.problem.assumptions.is_persistent else space.metric.with_offsets()
 
 
-@dataclass(frozen=True)
-class _Models:
-    """Models of a publication by key, and what the selected one takes of the others' misfit."""
-
-    problem: Problem
-    by_key: Mapping[Key, _Model]
-    chosen: _Model
-    taken: Mapping[Key, Shares]
-
-    @classmethod
-    def of(cls, metric: Metric, models: Sequence[_Model], key: Key) -> _Models:
-        """With the model of this key as the selected one."""
-        by_key = {each.fit.candidate.key: each for each in models}
-        chosen = by_key[key]
-        return cls(metric.problem, by_key, chosen, {
-            own: shares_of(metric, each, chosen)
-            for own, each in by_key.items() if each is not chosen})
-
-    def gain_over(self, key: Key) -> Gain:
-        """Gain of the selected model over another one, on fitted runs and on predicted ones."""
-        one, problem = self.by_key[key], self.problem
-        if one is self.chosen:
-            return Gain(0.0, 0.0, 'none')
-        fitted = ratio(*(
-            problem.squared_misfit(
-                problem.runs, problem.by_run(each.plain.prediction - problem.measured))
-            for each in (one, self.chosen)))
-        if not one.left:
-            return Gain(fitted, None, 'one run only')
-        predicted = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, each.left)
-                            for each in (one, self.chosen)))
-        if problem.held_out and not np.isfinite(predicted):
-            return Gain(fitted, None, 'the simulator failed on a held-out run')
-        return Gain(fitted, predicted, 'held out' if problem.held_out else 'held out in turn',
-                    self.taken[key].held_out)
-
-    def worse_predictions(self, causes: Sequence[Cause], whole: Gain) -> list[str]:
-        """Sentences where all causes together, with this gain, or one surely predict worse."""
-        titles = {cause.effect: self.problem.titles[cause.effect] for cause in causes}
-        gains = {wording.joined(list(titles.values())): whole} if causes else {}
-        gains.update({titles[cause.effect]: cause.gain for cause in causes
-                      if cause.gain.is_surely_worse})
-        return [wording.worse_prediction_words(title, -gain.held_out, gain.how)
-                for title, gain in gains.items()
-                if gain.held_out is not None and gain.held_out < 0.0]
+def _gain(
+    problem: Problem, less: _Model, more: _Model, interval: tuple[float, float] | None,
+) -> Gain:
+    """Gain of a model over another one, on fitted and on predicted runs; interval: of these."""
+    fitted = ratio(*(
+        problem.squared_misfit(
+            problem.runs, problem.by_run(each.plain.prediction - problem.measured))
+        for each in (less, more)))
+    if not less.left:
+        return Gain(fitted, None, 'one run only')
+    predicted = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, each.left)
+                        for each in (less, more)))
+    if problem.held_out and not np.isfinite(predicted):
+        return Gain(fitted, None, 'the simulator failed on a held-out run')
+    return Gain(fitted, predicted, 'held out' if problem.held_out else 'held out in turn',
+                interval)
 
 
 def _publication(
@@ -204,8 +175,13 @@ def _publication(
     space, fit, problem = search.space, search.fit, search.space.problem
     parameters, count = problem.system.base_parameters, len(problem.system.base_parameters)
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
-    models = _Models.of(space.metric, refitted, fit.candidate.key)
-    model, base = models.chosen.fit, models.by_key[space.base.candidate.key].fit
+    models = {each.fit.candidate.key: each for each in refitted}
+    chosen = models[fit.candidate.key]
+    model, base = chosen.fit, models[space.base.candidate.key].fit
+    taken = {key: shares_of(space.metric, each, chosen)
+             for key, each in models.items() if each is not chosen}
+    gains = {key: _gain(problem, models[key], chosen, shares.held_out)
+             for key, shares in taken.items()}
     covariance = _covariance(space, sources, model, after, otherwise)
     size_error = SIZE_ERROR if otherwise else 0.0
     causes = []
@@ -221,9 +197,15 @@ def _publication(
             effect=effect.id, definition=effect, variant=variant,
             group=(effect.id, *sorted(others_named)),
             parameters=sizes, p_value=evidence.p_value, delta_bic=evidence.delta_bic,
-            visible=evidence.visible, gain=models.gain_over(less[effect.id].candidate.key)))
-    whole = models.gain_over(base.candidate.key)
-    failed = models.worse_predictions(causes, whole)
+            visible=evidence.visible, gain=gains[less[effect.id].candidate.key]))
+    whole = gains.get(base.candidate.key, Gain(0.0, 0.0, 'none'))
+    # Where all causes together, or one surely, predict worse.
+    titles = [problem.titles[cause.effect] for cause in causes]
+    judged = {wording.joined(titles): whole} if causes else {}
+    judged.update({title: cause.gain for title, cause in zip(titles, causes, strict=True)
+                   if cause.gain.is_surely_worse})
+    failed = [wording.worse_prediction_words(title, -gain.held_out, gain.how)
+              for title, gain in judged.items() if gain.held_out and gain.held_out < 0.0]
     slopes = [parameter.slope(float(u)) for parameter, u in
               zip(parameters, model.theta_unit[:count], strict=True)]
     return Publication(
@@ -238,10 +220,10 @@ def _publication(
             for run in problem.all_runs),
         fits=results.PublishedFits(
             _metric_of(space), base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
-        shares=models.taken.get(base.candidate.key),
+        shares=taken.get(base.candidate.key),
         member_shares={} if len(less) < 2 else {
-            name: models.taken[other.candidate.key] for name, other in less.items()},
-        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=models.chosen.plain,
+            name: taken[other.candidate.key] for name, other in less.items()},
+        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=chosen.plain,
         converged=all(each.fit.converged and each.plain.converged for each in refitted))
 
 
