@@ -24,12 +24,11 @@ from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
-from saddlering_ros.discrepancy.verdict import established, parts, results, wording
+from saddlering_ros.discrepancy.verdict import established, parts, results, wording, wrong_law
 from saddlering_ros.discrepancy.verdict import published as publishing
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, stability_of
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, publish_settled
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
-from saddlering_ros.discrepancy.verdict.wrong_law import with_narrow_laws
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import allowed_misfit
 
@@ -178,8 +177,10 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
     if confined is not None:
         name, sentence = confined
         is_better = not answer.is_beside_error and not any(name in cause.group for cause in causes)
-        is_unlike = answer.is_beside_error and established.must_fit_every_run(
-            strict, answer.published, name)
+        # Small errors can hide where a main cause fits: a worn arc, of 22 % at one elevation and
+        # 1 % at the other one, had a name for a load offset that was not listed.
+        is_unlike = (strict.space.problem.assumptions.has_small_errors and answer.is_beside_error
+                     and bool(causes) and answer.published.main.effect == name)
         answer = answer.doubted([sentence]) if is_better or is_unlike else answer.noted(sentence)
     elif answer.verdict == 'unknown' and (run := parts.odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
@@ -345,7 +346,10 @@ def _beside_error(strict: Answer) -> Answer:
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != published.main.effect})
         if weak is None:
-            published = with_narrow_laws(noise_alone, published)
+            narrow = wrong_law.narrow_laws(noise_alone, published.plain)
+            published = replace(published, causes=tuple(
+                replace(cause, another_law=narrow.get(cause.effect))
+                for cause in published.causes))
             doubts, taken = established.doubts_beside_error(
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
@@ -432,7 +436,13 @@ def _left(
     slow, fast, names = residual.slow, residual.fast, problem.system.channel_names
     allowed = {view: factor * size for view, size in problem.allowed_sizes.items()}
     least = {view: max(settings.materiality, size) for view, size in allowed.items()}
-    sized = _by_sensors(space, fit) if any(allowed.values()) else residual
+    sized = residual
+    if any(allowed.values()):  # beside the noise alone, without declared model error
+        sensors = space.once(
+            'sensors', space.base, lambda: replace(space, metric=space.metric.of_sensors()))
+        plain, seen = space.tangent_of(fit).plain, _seen_in(sensors, fit)
+        sensors.once('tangent', seen, lambda: Tangent(plain, sensors.metric.whiten(plain)))
+        sized = _residual_of(sensors, seen)
     left: list[Rest] = []
     everywhere = slow.is_real_and_material(settings)
     for view, weights in problem.system.views.items():
@@ -464,15 +474,6 @@ def _left(
             left.append((problem.runs[test.run], test.view, size, test.coordinate))
             told.add(test.view)
     return left
-
-
-def _by_sensors(space: ModelSpace, fit: Fit) -> results.Residual:
-    """The residual of a fit beside the noise alone, without declared model error."""
-    sensors = space.once(
-        'sensors', space.base, lambda: replace(space, metric=space.metric.of_sensors()))
-    plain, seen = space.tangent_of(fit).plain, _seen_in(sensors, fit)
-    sensors.once('tangent', seen, lambda: Tangent(plain, sensors.metric.whiten(plain)))
-    return _residual_of(sensors, seen)
 
 
 def _seen_in(space: ModelSpace, fit: Fit) -> Fit:

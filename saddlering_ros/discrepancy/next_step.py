@@ -113,7 +113,8 @@ class _OpenModels:
         alone, kept, by_truth = 0, 0, dict.fromkeys(causes, 0.0)
         beside = dict.fromkeys(product(by_truth, repeat=2), 0.0)
         for truth, (cause, misfits) in enumerate(zip(causes, drawn, strict=True)):
-            left = [self._left(column) for column in misfits.T]
+            left = [np.flatnonzero(np.less_equal(*self._behind(column))).tolist()
+                    for column in misfits.T]
             kept += sum(truth in models for models in left)
             # A cause at another place, such as another probe, is the same cause.
             open_causes = [{causes[model] for model in models} for models in left]
@@ -202,10 +203,6 @@ class _OpenModels:
                 new[0], problem.titles[new[0]], held_out, float(behind[index] - behind.min()),
                 float(odds[index] / odds.sum()), bool(behind[index] <= limits[index])))
         return tuple(sorted(answers, key=lambda answer: -answer.share))
-
-    def _left(self, misfits: Array) -> list[int]:
-        """Models that stay in the group at these misfits of all fits, in order."""
-        return np.flatnonzero(np.less_equal(*self._behind(misfits))).tolist()
 
     def _best(self, misfits: Array) -> int:
         return int(np.argmin(misfits[list(self.own)] + self.space.log_size * self.sizes))

@@ -111,7 +111,7 @@ class Among:
                     if own not in self.best.visible}
             cause = max(more, default='', key=lambda own: more[own])
             if (abs(margin) >= MIN_MARGIN or len(group) == MAX_OTHERS or not cause
-                    or self._times(other, cause) < MIN_TIMES):
+                    or self.times(cause, other) < MIN_TIMES):
                 return group, other, margin
             group[cause] = other
 
@@ -137,11 +137,9 @@ class Among:
         [refitted] = refit_full_jacobian(metric, [fit], rounds)
         return refitted
 
-    def times(self, name: str) -> float:
-        """Size of an effect of the best model over the common spread beside one larger error."""
-        return self._times(self.best, name)
-
-    def _times(self, model: Model, name: str) -> float:
+    def times(self, name: str, model: Model | None = None) -> float:
+        """Size of an effect of a model (the best one) over the spread beside one larger error."""
+        model = model or self.best
         return model.visible[name] / self.errors.with_larger(self.space, model.fit, ()).beside_one
 
     def margin(self, name: str) -> float:

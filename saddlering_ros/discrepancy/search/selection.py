@@ -186,8 +186,10 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
         named = len(current.candidate.effects) - len(silent)
         # Of 21 rings, those whose third effect was kept had 0.87 or more explained by two, and
         # those with less than a half had one partial cause in the end.
-        if named == settings.max_causes or (len(current.candidate.effects) > 1 and _explained(
-                space, current) < settings.min_partial):
+        if named == settings.max_causes or (
+                len(current.candidate.effects) > 1 and evidence.explained_share(
+                    space.slow_residual(space.base), space.slow_residual(current), settings,
+                ) < settings.min_partial):
             break
         tried = [Comparison(space, current, fit) for fit in spaces.refitted(space, current)]
         log.candidates += [comparison.evidence(step + 1) for comparison in tried]
@@ -206,12 +208,6 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     for name in silent:
         current = space.without(current, name)
     return current
-
-
-def _explained(space: ModelSpace, fit: Fit) -> float:
-    """Share of the misfit of the base that a fit explains, in all or in one channel."""
-    return evidence.explained_share(
-        space.slow_residual(space.base), space.slow_residual(fit), space.settings)
 
 
 def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:

@@ -321,8 +321,7 @@ def observed(space: ModelSpace) -> Observability:
     settings, chosen = space.settings, dict[tuple[str, int], Signature]()
     effects: dict[str, list[Signature]] = {}
     for signature in space.shown:
-        size = signature.effect.size
-        if not size.low <= signature.effect.neutral <= size.high:
+        if not signature.effect.can_be_small:
             continue  # An input that is right or wrong, such as a sign, has no smallest size.
         if not signature.effect.first_variant:  # A wider form has the limit of the plain one.
             effects.setdefault(signature.effect.id, []).append(signature)

@@ -211,7 +211,13 @@ class SmallErrors:
     ) -> '_Projected':
         """Sensitivities `tangent` (n, k) and `prediction` (n,) of a fit in the metric."""
         problem = space.problem
-        forms = _other_forms(space, fit)
+        # The forms that the laws of the fit may have, by the share of each law.
+        shares, forms = [effect.form for effect, _ in fit.candidate.effects], np.zeros(
+            (problem.size, 0))
+        if any(shares):
+            forms, of_effect = forms_of(space, fit)
+            own = np.array(shares)[of_effect]
+            forms = (own * forms)[:, own > 0.0]
         white = self._metric.whiten(np.column_stack([
             FREE_SPREAD * tangent, forms, prediction - problem.measured]))
         count, base = fit.theta_unit.size, len(problem.system.base_parameters)
@@ -249,15 +255,6 @@ class _Projected:
         misfit = products[-1, -1] - slope @ np.linalg.solve(inner, slope)
         freedom = np.linalg.slogdet(inner[np.ix_(self.free, self.free)])[1]
         return -0.5 * float(misfit + volume + freedom + self.price)
-
-
-def _other_forms(space: ModelSpace, fit: Fit) -> Array:
-    """Columns (n, k) of the forms that the laws of a fit may have, by the share of each law."""
-    shares = np.array([effect.form for effect, _ in fit.candidate.effects])
-    if not shares.any():
-        return np.zeros((space.problem.size, 0))
-    forms, of_effect = forms_of(space, fit)
-    return np.asarray((shares[of_effect] * forms)[:, shares[of_effect] > 0.0])
 
 
 def _moved(space: ModelSpace, fit: Fit) -> tuple[dict[str, float], float]:

@@ -113,16 +113,6 @@ class _Start:
         return self.metric.whiten((columns.T * self.counts).T)
 
 
-def _apart(fits: Sequence[Fit]) -> list[Array]:
-    """Places of fits that differ from those of better ones, the best first."""
-    places: list[Array] = []
-    for fit in sorted(fits, key=lambda fit: fit.misfit):
-        if np.isfinite(fit.misfit) and all(
-                np.abs(fit.theta_unit - place).max() > APART for place in places):
-            places.append(fit.theta_unit)
-    return places
-
-
 def fit_over_growing_time(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) -> list[Fit]:
     """Each effect alone, fitted from the declared start to a growing part of each run."""
     start, single_fits = fitting.declared_start(space.problem.system.base_parameters), []
@@ -134,7 +124,11 @@ def fit_over_growing_time(space: ModelSpace, effects: Sequence[tuple[Effect, int
         for metric in growing:
             fits = run_refits(metric, [
                 refit(metric, candidate, place, rounds=fitting.COARSE_BASE) for place in places])
-            places = _apart(fits)
+            places = []  # those that differ from the places of better fits, the best first
+            for fit in sorted(fits, key=lambda fit: fit.misfit):
+                if np.isfinite(fit.misfit) and all(
+                        np.abs(fit.theta_unit - place).max() > APART for place in places):
+                    places.append(fit.theta_unit)
         fits = run_refits(space.metric, [
             refit(space.metric, candidate, place, rounds=fitting.COARSE_BASE)
             for place in places[:FOLLOWED]])

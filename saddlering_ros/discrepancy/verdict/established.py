@@ -406,16 +406,6 @@ def other_laws(search: Search) -> list[str]:
         'shared directions', fit, lambda: wrong_law.shared_directions(search))
 
 
-def must_fit_every_run(search: Search, published: Publication, name: str) -> bool:
-    """Whether an effect is the main cause among small errors, which can hide where it fits.
-
-    A worn arc, of 22 % at one elevation and 1 % at the other one, had a name for a load offset
-    that was not listed.
-    """
-    return (search.space.problem.assumptions.has_small_errors and bool(published.causes)
-            and published.main.effect == name)
-
-
 def unshared(refits: Sequence[Refit], titles: Mapping[str, str]) -> list[str]:
     """A sentence if most refits of a model with causes end in another first cause."""
     share = float(np.mean([refit.is_same for refit in refits]))

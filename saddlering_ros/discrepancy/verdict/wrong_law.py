@@ -9,7 +9,6 @@ wrong shares, or act in one view only where it should act in several.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -104,13 +103,6 @@ def shared_directions(search: Search) -> list[str]:
             sentences.append(wording.SHARED_DIRECTION.format(
                 problem.titles[effect.id], problem.titles[other.id], percent(share)))
     return sentences
-
-
-def with_narrow_laws(space: ModelSpace, published: Publication) -> Publication:
-    """The numbers, with each cause whose law is too narrow told as `Cause.another_law`."""
-    narrow = narrow_laws(space, published.plain)
-    return replace(published, causes=tuple(
-        replace(cause, another_law=narrow.get(cause.effect)) for cause in published.causes))
 
 
 def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, AnotherLaw]:
