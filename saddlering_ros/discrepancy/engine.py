@@ -4,7 +4,7 @@ For any simulator that follows `System` it finds where measurement and simulatio
 cause explains it, which causes cannot be told apart, and what no cause of the catalogue explains.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.among import search_among_small_errors
-from saddlering_ros.discrepancy.search.evidence import leaves_more_than_forms
+from saddlering_ros.discrepancy.search.evidence import with_forms
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, parts, results, wording, wrong_law
 from saddlering_ros.discrepancy.verdict import published as publishing
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, stability_of
-from saddlering_ros.discrepancy.verdict.published import Publication, publish, publish_settled
+from saddlering_ros.discrepancy.verdict.published import Publication, publish
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import allowed_misfit
@@ -143,9 +143,10 @@ def _judged(search: Search) -> Answer:
 
     A ring that leaves more than its laws may err is open by noise alone, whatever its numbers are.
     """
-    space, assumptions = search.space, search.space.problem.assumptions
-    is_first = assumptions.has_small_errors and bool(
-        search.fit.candidate.effects) and leaves_more_than_forms(space, search.fit)
+    space, fit, assumptions = search.space, search.fit, search.space.problem.assumptions
+    is_first = assumptions.has_small_errors and bool(fit.candidate.effects) and all(
+        left.is_real_and_material(space.settings) for left in (
+            space.slow_residual(fit), space.tests.slow(with_forms(space, fit, fit))))
     found, doubts = _among_small_errors(search) if is_first else (None, [])
     if found is not None:
         return found
@@ -275,8 +276,7 @@ def _verdict(is_established: bool, published: Publication) -> results.Verdict:
 def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     """The verdict on a ring if what remains is small errors of all that its catalogue lists.
 
-    Effects that do not stand out among these errors are left out, and belong to them. Without a
-    verdict, the reasons for that.
+    Without a verdict, the reasons for that.
     """
     alone = strict.space
     alone.watch.progress('causes beside model error', 0.83)
@@ -285,41 +285,13 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
         return None, [wording.NO_SMALL_ERRORS]
     if not among.best.visible:
         return None, []
-    best, space, rounds = among.best, among.space, among.space.settings.max_rounds
-    before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
-    sources = [model.fit for model in among.likely]
-    otherwise = [*fitting.plain_fits(space.problem, sources[:1]),
-                 among.beside_larger_errors(rounds)]
-
-    def without(search: Search, names: Collection[str]) -> tuple[Search, Publication]:
-        """The search without effects, of which the others keep their size, and its numbers."""
-        kept = {*search.fit.candidate.ids} - {*names}
-        search = replace(search, fit=fitting.refit_base(space.metric, search.fit, kept, rounds))
-        return search, publish_settled(search, sources, otherwise, before, after)
-
-    search = replace(strict, space=space, fit=best.fit, alternatives={})
-    published = publish_settled(search, sources, otherwise, before, after)
-    main, small = established.main_among(among, published)
-    if stopped := established.stopped_effects(space, best.fit) - {main}:  # these are no causes
-        search, published = without(search, stopped)
-    doubts, group = established.doubts_among(among, main, published)
-    left_out = {*small, *established.small_secondary_causes(published, main)}
-    if group:
-        search = replace(search, alternatives={main: tuple(
-            fitting.refit_base(space.metric, other.fit, {name}, rounds)
-            for name, other in group.items())})
-        published = publish_settled(search, sources, otherwise, before, after)
-    while not doubts and left_out:
-        search, published = without(search, left_out)
-        left_out = {*established.small_secondary_causes(published, main)}
-    doubts += [*established.other_laws(search), *published.doubts,
-               *established.wrong_inputs(space, search.fit),
-               *established.uncertain_law(space, published)]
+    before, after = (_residual_of(among.space, fit) for fit in (among.space.base, among.best.fit))
+    search, published, main, doubts = established.judge_among(strict, among, before, after)
     if doubts:
-        return None, [wording.suspect_words(space.problem.titles[main], doubts)]
+        return None, [wording.suspect_words(alone.problem.titles[main], doubts)]
     # What the small errors could take of the main cause is left.
     return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
-        wording.OUTLIER.format(space.problem.titles[name], among.times(name))
+        wording.OUTLIER.format(alone.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
         1.0 - 1.0 / among.times(main), is_established=True), []
 

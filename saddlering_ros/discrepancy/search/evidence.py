@@ -11,14 +11,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.special import chdtri
 
 from saddlering_ros.discrepancy.problem import system as systems
-from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
-from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace
+from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.estimation.process import fisher_limit
 
 MAX_IN_ONE_VIEW = 2
@@ -31,10 +30,6 @@ several choices for each, some model fits the misfit of a cause that is in no ca
 INFLATION = 4.0
 """Factor by which nuisance parameters are inflated to compare them with an effect. Chosen: an
 effect must explain more than a sound machine with errors four times as large as assumed."""
-
-MIN_STOPPED = 0.05
-"""Share of the misfit that a base parameter would take beyond its bound, from which on the bound
-decides the verdict. One that the data leave open rests at a bound, too, and takes far less."""
 
 Sizes = Mapping[str, Array]
 """Rms shares of range: per view one number per run (R,)."""
@@ -281,20 +276,6 @@ def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
     return max(crowd.values(), default=0) > MAX_IN_ONE_VIEW
 
 
-def stopped_base(problem: Problem, fit: Fit) -> list[tuple[systems.Parameter, float]]:
-    """Base parameters of a fit that a bound keeps from a misfit which is surely smaller."""
-    slope, place = fit.jacobian.T @ fit.whitened, fit.theta_unit
-    low, high = place < AT_BOUND, place > 1.0 - AT_BOUND
-    outwards = low & (slope > 0.0) | high & (slope < 0.0)
-    free = ~(low | high) | outwards
-    gram = fit.jacobian[:, free].T @ fit.jacobian[:, free] + PRIOR**2 * np.eye(free.sum())
-    gain = slope[free] @ np.linalg.solve(gram, slope[free])
-    least = max(MIN_STOPPED * fit.misfit, float(chdtri(1, problem.settings.error_rate)))
-    return [(parameter, parameter.from_unit(float(u))) for parameter, u, is_stopped in zip(
-        problem.system.base_parameters, place, outwards, strict=False)
-        if is_stopped and not parameter.periodic and gain > least]
-
-
 LOAD_WAVES = 4
 """Half waves over the drive by which a law may deviate: as smooth as the declared model error."""
 
@@ -327,12 +308,6 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
     return replace(
         fit, prediction=fit.prediction + plain @ steps, whitened=whitened,
         misfit=float(whitened @ whitened + steps @ steps))
-
-
-def leaves_more_than_forms(space: ModelSpace, fit: Fit) -> bool:
-    """Whether a fit leaves a real and material misfit, also with other forms of its laws."""
-    return all(residual.is_real_and_material(space.settings) for residual in (
-        space.slow_residual(fit), space.tests.slow(with_forms(space, fit, fit))))
 
 
 def forms_of(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:

@@ -2,14 +2,16 @@
 
 `judge_alone` judges causes by noise, nuisance parameters and declared model error.
 `doubts_beside_error` judges them beside what they leave, as error of the model, and
-`doubts_among` among small errors of all that is listed.
+`judge_among` among small errors of all that is listed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from statistics import mode
 
 import numpy as np
 
+from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.system import Effect, Parameter
 from saddlering_ros.discrepancy.search import evidence
@@ -23,6 +25,7 @@ from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import (
     causes_at_bounds,
     Publication,
+    publish_settled,
     sizes_at_bounds,
 )
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
@@ -176,12 +179,6 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
             for effect, parameter, value in _stopped_shapes(space, fit)]
 
 
-def stopped_effects(space: spaces.ModelSpace, fit: Fit) -> set[str]:
-    """Effects of a fit of which a shape or the size is stopped by its bound."""
-    return {effect.id for effect, _ in stopped_sizes(fit)} | {
-        effect.id for effect, *_ in _stopped_shapes(space, fit)}
-
-
 def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]:
     """A sentence for each cause whose 95 % interval includes its absence or another effect.
 
@@ -289,6 +286,48 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     if crowded([member.added for member in members], space.settings):
         doubts.append(wording.THREE_EFFECTS)
     return doubts
+
+
+def judge_among(
+    strict: Search, among: Among, before: Residual, after: Residual,
+) -> tuple[Search, Publication, str, list[str]]:
+    """The causes among small errors, their published numbers, the main one, and doubts of it.
+
+    Effects that do not stand out among these errors are left out, and belong to them. before,
+    after: residuals of the base and of the best model.
+    """
+    best, space, rounds = among.best, among.space, among.space.settings.max_rounds
+    sources = [model.fit for model in among.likely]
+    otherwise = [*fitting.plain_fits(space.problem, sources[:1]),
+                 among.beside_larger_errors(rounds)]
+
+    def without(search: Search, names: Collection[str]) -> tuple[Search, Publication]:
+        """The search without effects, of which the others keep their size, and its numbers."""
+        kept = {*search.fit.candidate.ids} - {*names}
+        search = replace(search, fit=fitting.refit_base(space.metric, search.fit, kept, rounds))
+        return search, publish_settled(search, sources, otherwise, before, after)
+
+    search = replace(strict, space=space, fit=best.fit, alternatives={})
+    published = publish_settled(search, sources, otherwise, before, after)
+    main, small = main_among(among, published)
+    # An effect of which a shape or the size is stopped by its bound is no cause.
+    stopped = {effect.id for effect, _ in stopped_sizes(best.fit)} | {
+        effect.id for effect, *_ in _stopped_shapes(space, best.fit)}
+    if stopped - {main}:
+        search, published = without(search, stopped - {main})
+    doubts, group = doubts_among(among, main, published)
+    left_out = {*small, *small_secondary_causes(published, main)}
+    if group:
+        search = replace(search, alternatives={main: tuple(
+            fitting.refit_base(space.metric, other.fit, {name}, rounds)
+            for name, other in group.items())})
+        published = publish_settled(search, sources, otherwise, before, after)
+    while not doubts and left_out:
+        search, published = without(search, left_out)
+        left_out = {*small_secondary_causes(published, main)}
+    doubts += [*other_laws(search), *published.doubts, *wrong_inputs(space, search.fit),
+               *uncertain_law(space, published)]
+    return search, published, main, doubts
 
 
 def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:

@@ -17,15 +17,16 @@ from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, GainMetric, plain_fits, PRIOR
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
-from saddlering_ros.discrepancy.search.evidence import Comparison, stopped_base
+from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
-from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
@@ -255,10 +256,27 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     return [*causes_at_bounds(problem, fit), *base_at_bounds(problem, fit)]
 
 
+MIN_STOPPED = 0.05
+"""Share of the misfit that a base parameter would take beyond its bound, from which on the bound
+decides the verdict. One that the data leave open rests at a bound, too, and takes far less."""
+
+
 def base_at_bounds(problem: Problem, fit: Fit) -> list[str]:
-    """A sentence on bounds that stop base parameters, for which a cause can stand in."""
-    stopped = [f'{one.name} = {quantity(value, one.unit)}'
-               for one, value in stopped_base(problem, fit)]
+    """A sentence on bounds that keep base parameters from a misfit which is surely smaller.
+
+    A cause can stand in for such a parameter.
+    """
+    slope, place = fit.jacobian.T @ fit.whitened, fit.theta_unit
+    low, high = place < AT_BOUND, place > 1.0 - AT_BOUND
+    outwards = low & (slope > 0.0) | high & (slope < 0.0)
+    free = ~(low | high) | outwards
+    gram = fit.jacobian[:, free].T @ fit.jacobian[:, free] + PRIOR**2 * np.eye(free.sum())
+    gain = slope[free] @ np.linalg.solve(gram, slope[free])
+    least = max(MIN_STOPPED * fit.misfit, float(chdtri(1, problem.settings.error_rate)))
+    stopped = [f'{one.name} = {quantity(one.from_unit(float(u)), one.unit)}'
+               for one, u, is_stopped in zip(
+                   problem.system.base_parameters, place, outwards, strict=False)
+               if is_stopped and not one.periodic and gain > least]
     return [wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else []
 
 
