@@ -96,10 +96,10 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     stretches = [] if levels is not None else rest.stretches_at_rest(
         measured.time, measured.load, rig.limits.rest_band)
     rows, time = without_pauses(measured.time, stretches)
-    size = 1 if run.test == 'static' else block_sizes(interval, rows.size, fit_rate)[0]
-    # Averaged over a block of the fit around each sample (an odd number: without delay). A model
+    size = 1 if run.test == 'static' else block_sizes(interval, 1, fit_rate)[0]
+    # Averaged over 1 / fit_rate around each sample (an odd number: without delay). A model
     # with little damping rings with the cell's noise, and least squares would add damping against
-    # it. Frequencies above a block are not compared anyway.
+    # it. Longer blocks of a long record would round the corners of its load.
     load = np.asarray(uniform_filter1d(measured.load, 2 * (size // 2) + 1, mode='nearest'))
     # Displacement per load (3,) over the whole run: the effect of small loads at rest.
     good = np.all(np.isfinite(displacement), axis=0)

@@ -54,6 +54,16 @@ def test_the_fit_is_as_good_as_the_noise(found):
     assert found.reduced_chi_square == pytest.approx(1.0, abs=0.25)
 
 
+def test_two_minutes_of_cycles_fit_as_well_as_their_noise():
+    # Means over 120 ms are compared. The load must not be averaged over as long beforehand.
+    times = np.arange(42) * 3.0
+    loads = np.where(np.arange(42) % 4 < 2, RIG.preload, 25 * TONNE)
+    profile = identification_records.sampled(times, loads, 100.0)
+    run = record('dynamic', profile, noise=1e-7, load_noise=40.0)
+    found = identify([run], RIG, IdentificationSettings(seed=5, swarm=SHORT_SWARM))
+    assert found.reduced_chi_square == pytest.approx(1.0, abs=0.25)
+
+
 def test_stiffness_and_exponent_are_reported_as_one(found):
     for row, first, second in ((1, 0, 1), (2, 3, 4)):
         assert found.correlation[first, second] > 0.95
