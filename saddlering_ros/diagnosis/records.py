@@ -45,8 +45,11 @@ LONGEST_BLOCK = 2.5  # [s]; creep within a long hold shows
 DYNAMIC_BLOCKS = 600
 """Largest number of block means of a dynamic run."""
 SHORTEST_BLOCK = 0.02  # [s], that of an identification
-MOVING_PARTS = (4, 8)
-"""Simulated load samples per block of a dynamic run while the load moves (one at rest)."""
+MOVING_PARTS = (4, 8, 40)
+"""Fewest and most simulated load samples per block of a dynamic run while the load moves; most in
+a long block."""
+MOVING_PART = 0.0125
+"""Length [s] of these samples from which on a block may have more of them."""
 PART_CHANGE = 0.003
 """Change of load over one of them, as a share of full scale, unless there are that many."""
 LONGEST_STEP = 1.0
@@ -187,8 +190,10 @@ def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Bl
     rests = stretches_at_rest(time, load, rig.limits.rest_band)
     rest = [RestSegment(quiet[:, begin:end], step) for begin, end in quiet_stretches(rests)]
     hold = np.arange(starts.size, dtype=float)
-    change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
-    parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
+    change = np.maximum.reduceat(load, starts) - np.minimum.reduceat(load, starts)
+    fewest, most, in_long_block = MOVING_PARTS
+    parts = np.clip(np.ceil(change / rig.full_scale_load / PART_CHANGE), fewest,
+                    np.clip(length // MOVING_PART, most, in_long_block))
     for begin, end in rests:
         inside = (starts >= begin) & (stops <= end)
         hold[inside] = -float(begin) - 1.0
