@@ -20,9 +20,10 @@ from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.effects.raceway_waves import as_effect, Raceways, rms_of
+from saddlering_ros.estimation.least_squares import AT_BOUND
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.result import Identification
-from saddlering_ros.identification.uncertainty import reason_wide
+from saddlering_ros.identification.uncertainty import reason_wide, reasons_at_bounds
 from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent
 from saddlering_ros.rig.parameter_file import ParameterSet, ParameterSource
@@ -83,7 +84,10 @@ def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: i
         of_noise = alone.parameters.source.covariance
         assert of_noise is not None
         return ContactLaw(estimates, estimates, of_noise, alone.reasons, alone.reasons)
-    after = _still_open(law_beside, alone.reasons, elevations)
+    stopped = {name for name, place in zip(
+        PARAMETER_NAMES, diagnosis.fits.after.theta_unit.tolist(), strict=False)
+        if min(place, 1.0 - place) < AT_BOUND}
+    after = _still_open(law_beside, reasons_at_bounds(stopped) | alone.reasons, elevations)
     return ContactLaw(estimates, law_beside, covariance, alone.reasons, after)
 
 

@@ -7,10 +7,10 @@ effect of unequal rollers is added: the estimate is G r with G = J^+, so that re
 covariance I + S S^T (S: small_errors.py) give it the covariance G G^T + G S S^T G^T.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 import math
 from typing import Any
 
@@ -174,6 +174,7 @@ def _reasons(
     reasons: dict[str, str | None] = {}
     leverage = (np.linalg.qr(best.jacobian)[0] ** 2).sum(axis=1)
     is_lone = leverage.max() > max(MAX_LEVERAGE, MAX_OVER_MEAN * leverage.mean())
+    stopped = reasons_at_bounds(set(compress(space.names, best.at_bound)))
     for index, name in enumerate(PARAMETER_NAMES):
         if is_lone:
             reasons[name] = f'{name} would rest on one reading alone; {LONE_READING}'
@@ -182,8 +183,8 @@ def _reasons(
             reasons[name] = (f'{name} needs a dynamic run: a static reading does not depend on it'
                              if name[0] == 'D' else f'{name} was held')
             continue
-        if best.at_bound[space.names.index(name)]:
-            reasons[name] = f'{name} is at its bound: the best value may lie outside'
+        if name in stopped:
+            reasons[name] = stopped[name]
             continue
         worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one][index]))
         reasons[name] = reason_open(
@@ -325,6 +326,17 @@ def reason_open(
     moved = f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
     return (f'{name} from one elevation depends on the curvature only: {imperfection} would '
             f'change it by {moved}; add a run at another elevation')
+
+
+def reasons_at_bounds(stopped: Collection[str]) -> dict[str, str]:
+    """Why parameters are open, by name, where those of `stopped` are at their bounds.
+
+    A curve over the load has nearly the same shape for another pair of K and n.
+    """
+    reasons = {f'{other}{name[1]}': f'{other}{name[1]} depends on {name}, which is at its bound'
+               for name in stopped if (other := {'K': 'n', 'n': 'K'}.get(name[0]))}
+    return reasons | {name: f'{name} is at its bound: the best value may lie outside'
+                      for name in stopped}
 
 
 MAX_SOUND = 1.1

@@ -42,10 +42,12 @@ def test_none_explains_a_factor_of_identify_that_is_more_than_a_sound_ring_leave
     assert note.startswith(f'identify finds {alone.sound_factor:.2f} times the misfit of noise')
 
 
-def diagnosis(causes=(), std=0.001, more=()):
+def diagnosis(causes=(), std=0.001, more=(), place=0.5):
     base = {name: Estimate(1.0, std, '') for name in (*PARAMETER_NAMES, *more)}
-    return SimpleNamespace(causes=causes, base_alone=base, base=base,
-                           fits=SimpleNamespace(base_covariance=np.eye(len(base))))
+    after = SimpleNamespace(theta_unit=np.r_[np.full(len(base) - 1, 0.5), place])
+    return SimpleNamespace(
+        causes=causes, base_alone=base, base=base,
+        fits=SimpleNamespace(base_covariance=np.eye(len(base)), after=after))
 
 
 def test_without_a_cause_values_and_reasons_are_those_of_identify(found):
@@ -71,6 +73,12 @@ def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
     law = contact_law(diagnosis(('a cause',)), found, 1)
     assert law.after['K1'].value == 1.0
     assert law.reasons_after['n1'] == found.reasons['n1']
+
+
+def test_a_cause_beside_which_a_parameter_is_at_its_bound_leaves_it_open(found):
+    law = contact_law(diagnosis(('a cause',), place=0.99999), found, 1)
+    assert 'D2' not in law.reasons_before
+    assert law.reasons_after['D2'].startswith('D2 is at its bound')
 
 
 @pytest.mark.parametrize('alone', ['found', 'no unloading branch'])

@@ -249,6 +249,14 @@ def test_cancelling_returns_what_there_is(four_runs):
     assert np.all(np.isfinite(result.parameters.contact.to_array()))
 
 
+def test_what_depends_on_a_parameter_at_its_bound_is_open_too(four_runs):
+    settings = IdentificationSettings(bounds={'n2': (1.0, 1.08)}, swarm=SHORT_SWARM)
+    result = identify(four_runs, RIG, settings)
+    assert result.at_bound['n2']
+    assert 'K2 depends on n2, which is at its bound' in result.reasons['K2']
+    assert set(result.reasons) == {'K2', 'n2'}
+
+
 def test_a_bound_in_the_way_is_named(four_runs):
     settings = IdentificationSettings(bounds={'D1': (5e6, 2e7)}, swarm=SHORT_SWARM)
     result = identify(four_runs[:2], RIG, settings)
