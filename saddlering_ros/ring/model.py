@@ -48,6 +48,13 @@ def mixed(count: int) -> Floats:
     return np.asarray(2.0 * np.modf((np.arange(count) + 0.5) * golden)[0] - 1.0)
 
 
+@lru_cache(maxsize=64)
+def _waves(rollers: int, count: int) -> Floats:
+    """cos(m phi) and sin(m phi) at each roller for m = 1, 2, ... (count, rollers)."""
+    turns = 2.0 * np.pi / rollers * np.outer(np.arange(count) // 2 + 1, np.arange(rollers))
+    return np.where(np.arange(count)[:, None] % 2, np.sin(turns), np.cos(turns))
+
+
 def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
     """Cosines, weights and gaps (3, J) of a row; `twins`: equal mirror twins share a place."""
     index = np.arange(row.rollers // 2 + 1 if twins else row.rollers, dtype=np.float64)
@@ -58,11 +65,11 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
     if twins:
         alone = (index == 0) | (2 * index == row.rollers)
         return np.stack([cosine, np.where(alone, 1.0, 2.0), np.full(index.size, half_gap)])
-    wear = geometry.wear.profile(angle)
+    worn = geometry.wear.loss or geometry.wear.gap
+    wear = geometry.wear.profile(angle) if worn else np.zeros(row.rollers)
     gap = half_gap + geometry.wear.gap * wear + geometry.gap_spread * mixed(row.rollers)
-    for number, amplitude in enumerate(geometry.waves):
-        turn = (1 + number // 2) * angle
-        gap += amplitude * (np.sin(turn) if number % 2 else np.cos(turn))
+    if geometry.waves:
+        gap += geometry.waves @ _waves(row.rollers, len(geometry.waves))
     order = np.argsort(-cosine, kind='stable')
     return np.stack([cosine, 1.0 - geometry.wear.loss * wear, gap])[:, order]
 
@@ -76,6 +83,8 @@ def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...]
         for part in geometry]
     # The kernels have one number of places for both axial rows.
     equal[0] = equal[1] = equal[0] and equal[1]
+    if twins and not any(equal):
+        return _rows(axial, radial, geometry, False)
     parts = [_row(row, part, same)
              for row, part, same in zip((axial, axial, radial), geometry, equal, strict=True)]
     counts = parts[0].shape[1], parts[2].shape[1]
