@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
-from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
+from saddlering_ros.progress import one_blas_thread, OnProgress, Watch
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.parameter_file import PARAMETER_UNITS
@@ -273,11 +273,10 @@ class KeptSystem:
 def plan_tests(
     rig: Rig, tests: Sequence[PlannedTest] = (), contact: ContactParameters = TRUE_TO_SCALE, *,
     noise: float = PROBE_NOISE, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
 ) -> Plan:
     """What the tests would find and the best further one; without tests, the four best.
 
     noise [m]: standard deviation of a reading of a probe.
     """
-    planner = Planner(rig, contact, noise, Watch('plan', on_progress, is_cancelled))
+    planner = Planner(rig, contact, noise, Watch('plan', on_progress))
     return planner.plan(list(tests), ALL_TESTS) if tests else planner.best()

@@ -55,8 +55,14 @@ def diagnose_ring(
     fitted = [record.run for record in records if not record.run.held_out]
     watch = Watch('diagnose', on_progress, is_cancelled)
     watch.progress('contact parameters', 0.0)
-    alone = _without_causes(runs, rig, is_cancelled)
+    alone: Identification | str  # the contact law of these runs without causes, or why none
+    try:
+        alone = identify(runs, rig, is_cancelled=is_cancelled)
+    except IdentificationError as refusal:
+        alone = str(refusal)
     if not isinstance(alone, str):
+        if alone.cancelled:
+            raise Cancelled('diagnose: cancelled')
         parameters = parameters or alone.parameters
     start = None
     if parameters is not None:
@@ -83,7 +89,12 @@ def diagnose_ring(
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = [*of_waves, *_notes(records, rig, diagnosis, law.refusal)]
     watch.progress('notes', 1.0)
-    if diagnosis.verdict == 'unknown' and _may_be_rounding(figures):
+    # With a probe so coarse, a residual within noise may be rounding.
+    is_coarse = any(one.is_coarse for run in figures
+                    for one in run.record.test_run.quality.values())
+    if diagnosis.verdict == 'unknown' and is_coarse and all(
+            misfit.nrmse_before <= misfit.noise_floor
+            for run in figures for misfit in run.channels.values()):
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
@@ -131,19 +142,6 @@ def _beside_waves(
         wavy, [record.run for record in records], law, even.fits.before.point.base)]
 
 
-def _without_causes(
-    runs: Sequence[Record], rig: Rig, is_cancelled: IsCancelled | None,
-) -> Identification | str:
-    """The contact law of the fitted runs without causes, or the reason why there is none."""
-    try:
-        alone = identify(runs, rig, is_cancelled=is_cancelled)
-    except IdentificationError as refusal:
-        return str(refusal)
-    if alone.cancelled:
-        raise Cancelled('diagnose: cancelled')
-    return alone
-
-
 def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
     """The records, of which the second of one name becomes 'static_50 (2)', and so on."""
     seen: dict[str, int] = {}
@@ -170,11 +168,3 @@ def _notes(
             *repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis)),
             *told_once((record.run.name, note) for record in records
                        for note in record.test_run.notes)]
-
-
-def _may_be_rounding(figures: Sequence[verdict.RunFigures]) -> bool:
-    """Whether a probe is so coarse that the residual, which is within noise, may be rounding."""
-    return (any(quality.is_coarse for run in figures
-                for quality in run.record.test_run.quality.values())
-            and all(misfit.nrmse_before <= misfit.noise_floor
-                    for run in figures for misfit in run.channels.values()))

@@ -306,7 +306,13 @@ class RingSystem:
             less, more = self.simulated(run, [
                 (law, replace(extension, load_offset=extension.load_offset + change))
                 for change in (step, -step)])
-            per_newton = _beside((more - less) / (2.0 * step))
+            by_newton = (more - less) / (2.0 * step)
+            # Of each block or its neighbour, whichever is larger: the block in which a motion
+            # ends has as much of its error as the block before.
+            widened = np.pad(by_newton, ((0, 0), (1, 1)), mode='edge')
+            near = np.stack([widened[:, :-2], by_newton, widened[:, 2:]])
+            largest = np.argmax(np.linalg.norm(near, axis=1), axis=0)
+            per_newton = near[largest, :, np.arange(largest.size)].T
             white = 0.0 if grid.load_noise is None else grid.load_noise
             changes.append(per_newton * np.hypot(white, wander))
             # Blocks in which a newton moves the ring much further than under load.
@@ -368,17 +374,6 @@ class RingSystem:
                 catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
                 catalogue_of_effects.laws_of(effects))
         return self._kept[key]
-
-
-def _beside(per_newton: Array) -> Array:
-    """Change (C, N) of each block or of its neighbour, whichever is larger.
-
-    The block in which a motion ends has as much of its error as the block before.
-    """
-    widened = np.pad(per_newton, ((0, 0), (1, 1)), mode='edge')
-    near = np.stack([widened[:, :-2], per_newton, widened[:, 2:]])
-    largest = np.argmax(np.linalg.norm(near, axis=1), axis=0)
-    return np.asarray(near[largest, :, np.arange(largest.size)].T)
 
 
 def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[Effect, ...]:

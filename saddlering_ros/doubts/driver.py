@@ -1,6 +1,6 @@
 """Faults of a driver of the rig, from some seconds of its topics; no ROS in it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 
@@ -127,7 +127,13 @@ def check_driver(
                 f'{len(one)} samples came from {one.publishers} publisher(s): check that the '
                 'driver reads its device, or listen longer')
     if usable:
-        _skew(findings, heard, [topic.name for topic in probes])
+        names = [topic.name for topic in probes]
+        findings += skew_findings({name: heard[name].delay for name in (LOAD_TOPIC, *names)})
+        findings.where = min(names, key=lambda name: heard[name].rate)
+        slowest, of_load = heard[findings.where].rate, heard[LOAD_TOPIC].rate
+        if slowest < 0.5 * of_load:
+            findings.note(f'comes at {slowest:.4g} Hz and the load at {of_load:.4g} Hz: '
+                          'damping is known better with equal rates')
         _load(findings, rig, heard[LOAD_TOPIC])
         _directions(findings, rig, heard, elevation)
     return sorted(findings, key=lambda one: one.severity != FAULT)
@@ -221,16 +227,6 @@ def _in_other_unit(findings: _Findings, rig: Rig, topic: RigTopic, values: Float
         findings.fault(str(problem).removeprefix(': '))
         return True
     return False
-
-
-def _skew(findings: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
-    load = heard[LOAD_TOPIC]
-    findings += skew_findings({name: heard[name].delay for name in (LOAD_TOPIC, *probes)})
-    findings.where = min(probes, key=lambda name: heard[name].rate)
-    slowest = heard[findings.where].rate
-    if slowest < 0.5 * load.rate:
-        findings.note(f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
-                      'damping is known better with equal rates')
 
 
 def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:

@@ -351,7 +351,14 @@ def chart_of(chart: Chart) -> Plotly:
         layout |= {f'xaxis{suffix}': x_axis, f'yaxis{suffix}': y_axis}
         if chart.shares_x and first != suffix:
             layout[f'xaxis{suffix}']['matches'] = f'x{first}'
-        layout['shapes'] += _shapes(panel, suffix)
+        # Bands and straight lines across the whole of the panel.
+        place = {'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0, 'x1': 1}
+        layout['shapes'] += [
+            *({'type': 'rect', **place, 'y0': band.low, 'y1': band.high, 'line': {'width': 0},
+               'layer': 'below', 'fillcolor': NOISE, 'opacity': band.opacity}
+              for band in panel.bands),
+            *({'type': 'line', **place, 'y0': level, 'y1': level,
+               'line': {'color': NOISE, 'width': 1}} for level in panel.levels)]
         if panel.title:
             layout['annotations'].append({
                 'text': panel.title, 'xref': 'paper', 'yref': 'paper', 'showarrow': False,
@@ -463,17 +470,6 @@ def _heat_map(heat: HeatMap, suffix: str) -> Plotly:
         'showscale': bool(heat.label), 'colorbar': {
             'x': 1.0, 'xanchor': 'right', 'thickness': 12, 'outlinewidth': 0, 'len': 0.7,
             'title': {'text': heat.label, 'side': 'right'}}}
-
-
-def _shapes(panel: Panel, suffix: str) -> list[Plotly]:
-    """Bands and straight lines across the whole of the panel."""
-    place = {'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0, 'x1': 1}
-    return [
-        *({'type': 'rect', **place, 'y0': band.low, 'y1': band.high, 'line': {'width': 0},
-           'layer': 'below', 'fillcolor': NOISE, 'opacity': band.opacity}
-          for band in panel.bands),
-        *({'type': 'line', **place, 'y0': level, 'y1': level,
-           'line': {'color': NOISE, 'width': 1}} for level in panel.levels)]
 
 
 def _numbers(values: Array) -> list[float | None]:

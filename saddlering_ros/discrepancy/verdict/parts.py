@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
-from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import MAINLY, Search
 from saddlering_ros.discrepancy.search.signatures import length_needed, SMALLER
-from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.published import STRETCHES
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits, Refit
@@ -75,7 +74,7 @@ class _Parts:
             columns[rows, owner] = change[rows]
         others = np.delete(space.tangent_of(fit).white, index, axis=1)
         jacobian = np.hstack([space.metric.whiten(columns), others])
-        errors = covariance(jacobian, 1.0 / spaces.FREE_SPREAD)
+        errors = covariance(jacobian, 1.0 / FREE_SPREAD)
         slope = jacobian.T @ fit.whitened
         beyond = -(errors @ slope)[: columns.shape[1]]
         shown = np.flatnonzero(np.diag(errors)[: beyond.size] < 1.0).astype(np.intp)

@@ -131,7 +131,14 @@ def find_line(
     if not inside.any():
         return LineSearch(None, np.inf)
     trials, count = int(moving.sum()) * int(inside.sum()), len(usable)
-    limit = _amplitude_found(usable, moving, fisher_limit(error_rate / trials, 2 * count, freedom))
+    # The amplitude that is found nine times in ten in the quietest moving channel. Under a Hann
+    # window, an amplitude a over n samples of noise s has a^2 n / (6 s^2) times its power.
+    unit = np.mean([
+        segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
+        for segment in usable], axis=0).max()
+    beyond = max(fisher_limit(error_rate / trials, 2 * count, freedom) - 1.0, 0.0)
+    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / count)
+    limit = float(np.sqrt(beyond / unit))
     chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
     # The chance of a very strong line is 0 at several frequencies; the ratio separates them.
@@ -148,22 +155,6 @@ def find_line(
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
     line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
     return LineSearch(line, limit)
-
-
-def _amplitude_found(
-    segments: Sequence[RestSegment], moving: NDArray[np.bool_], ratio: float,
-) -> float:
-    """Amplitude in the quietest moving channel that reaches `ratio` nine times in ten.
-
-    Under a Hann window, an amplitude a over n samples of noise s has a^2 n / (6 s^2) times the
-    power of the noise.
-    """
-    unit = np.mean([
-        segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
-        for segment in segments], axis=0).max()
-    beyond = max(ratio - 1.0, 0.0)
-    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / len(segments))
-    return float(np.sqrt(beyond / unit))
 
 
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
