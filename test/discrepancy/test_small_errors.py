@@ -82,14 +82,14 @@ def observed() -> SimpleNamespace:
     `otherwise`: the fits by other measures that it was given.
     """
     found = SimpleNamespace(among=[], some_runs=[], settled=[], otherwise=[])
-    search, publish, confined = (engine.search_among_small_errors, established.publish_settled,
+    search, publish, confined = (engine.search_among_small_errors, published.publish_settled,
                                  engine.cause_of_some_runs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, 'search_among_small_errors', lambda given: (
             found.among.append((given.space, given.fit)), search(given))[1])
         patch.setattr(engine, 'cause_of_some_runs', lambda space, fit: (
             found.some_runs.append((space, fit)), confined(space, fit))[1])
-        patch.setattr(established, 'publish_settled', lambda *given: (
+        patch.setattr(published, 'publish_settled', lambda *given: (
             found.otherwise.append(given[2]), found.settled.append(publish(*given)),
             found.settled[-1])[-1])
         found.answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)

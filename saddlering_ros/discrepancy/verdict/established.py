@@ -20,14 +20,10 @@ from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.small_errors import Model
+from saddlering_ros.discrepancy.verdict import published as publishing
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
-from saddlering_ros.discrepancy.verdict.published import (
-    causes_at_bounds,
-    Publication,
-    publish_settled,
-    sizes_at_bounds,
-)
+from saddlering_ros.discrepancy.verdict.published import Publication
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import percent, quantity, span
@@ -256,7 +252,7 @@ def doubts_beside_error(
                          or wrong_law.unlike_channels_unpatched(alone.space, search, published)),
               *uncertain_law(space, published), *uneven_rest(published.fits)]
     # The published size may be at a bound where that beside model error is not.
-    doubts += [one for one in causes_at_bounds(space.problem, published.fits.after)
+    doubts += [one for one in publishing.causes_at_bounds(space.problem, published.fits.after)
                if one not in doubts]
     if most_dropped > MAINLY * published.power_of(main):
         doubts.append(wording.AS_LARGE)
@@ -305,10 +301,10 @@ def judge_among(
         """The search without effects, of which the others keep their size, and its numbers."""
         kept = {*search.fit.candidate.ids} - {*names}
         search = replace(search, fit=fitting.refit_base(space.metric, search.fit, kept, rounds))
-        return search, publish_settled(search, sources, otherwise, before, after)
+        return search, publishing.publish_settled(search, sources, otherwise, before, after)
 
     search = replace(strict, space=space, fit=best.fit, alternatives={})
-    published = publish_settled(search, sources, otherwise, before, after)
+    published = publishing.publish_settled(search, sources, otherwise, before, after)
     main, small = main_among(among, published)
     # An effect of which a shape or the size is stopped by its bound is no cause.
     stopped = {effect.id for effect, _ in stopped_sizes(best.fit)} | {
@@ -321,7 +317,7 @@ def judge_among(
         search = replace(search, alternatives={main: tuple(
             fitting.refit_base(space.metric, other.fit, {name}, rounds)
             for name, other in group.items())})
-        published = publish_settled(search, sources, otherwise, before, after)
+        published = publishing.publish_settled(search, sources, otherwise, before, after)
     while not doubts and left_out:
         search, published = without(search, left_out)
         left_out = {*small_secondary_causes(published, main)}
@@ -438,7 +434,7 @@ def _uncertain_gain(shares: Shares) -> list[str]:
 def other_laws(search: Search) -> list[str]:
     """Signs that the law is another than that of the causes, whatever they take of the misfit."""
     space, fit = search.space, search.fit
-    stopped = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
+    stopped = [*shapes_at_bounds(space, fit), *publishing.sizes_at_bounds(space.problem, fit)]
     if not space.problem.assumptions.exact_laws:
         return stopped
     return stopped + space.once(
