@@ -252,17 +252,24 @@ class _OpenModels:
             again, anew = (whiten(np.pad(part, readings))
                            for part in (again, anew[:, anew.any(axis=0)]))
             anew *= np.minimum(MAX_ANEW / np.linalg.norm(anew, axis=0), 1.0)
-            forecasts = []
+            forecasts = []  # whitened, by each model: mean (m,) and spread (m, k)
             for (mean, root), (values, slopes) in zip(known, view, strict=True):
                 white = whiten(np.column_stack([values, slopes]))
                 inner = np.hstack([white[:, 1:], again])
                 spread = np.hstack([solve_triangular(root, inner.T, lower=True).T, anew])
-                forecasts.append(_Forecast(
-                    white[:, 0] + inner @ mean, spread,
-                    cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)))
-            results = np.hstack([forecasts[place].drawn(random, DRAWS) for place in self.own])
-            misfits = [fit.misfit + forecast.misfits(results)
-                       for fit, forecast in zip(self.fits, forecasts, strict=True)]
+                forecasts.append((white[:, 0] + inner @ mean, spread))
+            # Whitened results (m, draws) of the test with each model as the truth.
+            results = np.hstack([
+                mean[:, None] + random.standard_normal((mean.size, DRAWS))
+                + spread @ random.standard_normal((spread.shape[1], DRAWS))
+                for mean, spread in (forecasts[place] for place in self.own)])
+            misfits = []
+            for fit, (mean, spread) in zip(self.fits, forecasts, strict=True):
+                away = results - mean[:, None]
+                root = cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)
+                along = solve_triangular(root, spread.T @ away, lower=True)
+                growth = (away**2).sum(axis=0) - (along**2).sum(axis=0)
+                misfits.append(fit.misfit + growth)
             yield proposal, np.split(np.array(misfits), len(self.own), axis=1)
 
     def _known(self, fit: Fit, nuisances: Array) -> tuple[Array, Array]:
@@ -327,27 +334,3 @@ def _whitener(metric: metrics.Metric, proposal: systems.Proposal) -> Whiten:
         return np.vstack([*parts, direct / deviations[:, None]])
 
     return whiten
-
-
-@dataclass(frozen=True)
-class _Forecast:
-    """Whitened prediction of a model for a test: mean (m,) and spread (m, k).
-
-    inner (k, k): lower factor of 1 + spread^T spread.
-    """
-
-    mean: Array
-    spread: Array
-    inner: Array
-
-    def drawn(self, random: np.random.Generator, draws: int) -> Array:
-        """Whitened results (m, draws) of the test if this model is the truth."""
-        noise = random.standard_normal((self.mean.size, draws))
-        freedom = random.standard_normal((self.spread.shape[1], draws))
-        return np.asarray(self.mean[:, None] + noise + self.spread @ freedom)
-
-    def misfits(self, results: Array) -> Array:
-        """Growth (draws,) of the misfit of this model by results (m, draws)."""
-        away = results - self.mean[:, None]
-        along = solve_triangular(self.inner, self.spread.T @ away, lower=True)
-        return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
