@@ -13,6 +13,7 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import DEFAULT_PERCENT, stream
 from saddlering_ros.monitoring.monitor import MonitorSettings, state_words
 from saddlering_ros.record.batches import no_displacements, no_samples
+from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
 from saddlering_ros.ros import diagnostics, names, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
@@ -92,6 +93,7 @@ class RingAlarmNode(streaming_node.StreamingNode):
         """Watch anew, with the settings and the parameters that count now."""
         self._made_with = block, hours, percent = self._given()
         self._stream = stream.AlarmStream(self._rig, MonitorSettings(block, hours), percent)
+        self._guard = SampleGuard(load_limits(self._rig))
         self._published: tuple[object, ...] = ()
         if self._offered is not None:
             self._use(self._offered)
@@ -110,7 +112,7 @@ class RingAlarmNode(streaming_node.StreamingNode):
 
     def process_batch(self) -> None:
         residual = self.inputs[0].take_as(decode_displacements)
-        load = self.inputs[1].take_samples(LOAD)
+        load = self._guard.push(self.inputs[1].take_samples(LOAD))
         now = time.monotonic()
         self._sight.hear_load(load.stamps, now)
         self._sight.hear_residual(residual.stamps, residual.channels[:3], now)

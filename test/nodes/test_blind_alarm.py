@@ -15,7 +15,9 @@ from rosnet import ACTIVATE, Client, client, DEACTIVATE, Driver, lead, wait_unti
 from std_msgs.msg import Bool
 
 from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingExpected
+from saddlering_ros.monitoring.stream import SEEN
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
 
@@ -68,6 +70,36 @@ def test_a_node_made_anew_in_the_stream_is_within_limits_from_its_first_sample_o
         node.active = True
         node._tell_state()
         assert (node._state(), node._within_limits()) == (RingAlarm.WAITING, False)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Arrived:
+    """An input of a node: the batches that its subscription would take, one a call."""
+
+    def __init__(self, batches: list[Samples] | list[Displacements]) -> None:
+        self.take_samples = self.take_as = lambda _: batches.pop(0)
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_one_load_with_a_stamp_ahead_does_not_blind_the_alarm() -> None:
+    rclpy.init(args=[''])
+    node = RingAlarmNode()
+    try:
+        node.configure()
+        stamps = 1_700_000_000_000_000_000 + np.arange(40) * 5_000_000
+        sent = stamps.copy()
+        sent[20] += 5_000_000_000
+        node.inputs = [Arrived([Displacements.from_zero(now, np.zeros((4, 1)), (0, 0), 4903.0)
+                                for now in np.split(stamps, 40)]),
+                       Arrived([Samples(now, np.full(1, 4903.0)) for now in np.split(sent, 40)])]
+        node.active = True
+        lacks = []
+        for _ in stamps:
+            node.process_batch()
+            lacks.append(node._lacks)
+        assert set(lacks[1:]) == {SEEN}
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
