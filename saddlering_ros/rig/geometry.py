@@ -228,15 +228,17 @@ class ZeroWindow:
 
     The window opens at a sample near preload (or, with `anywhere`, at any), and closes after
     WINDOW_SECONDS, or when the load leaves the window's first load by STEADY_SHARE of full scale.
-    A window with too few samples or over too short a time is no rest, and opens anew. The sample
-    that closes the window is not part of it. Live nodes and commands use this object, so that
-    their zeros are equal to the last bit.
+    A window with too few samples or over too short a time is no rest, and opens anew. So does the
+    first whole window after a load above preload, in which the ring settles. The sample that
+    closes the window is not part of it. Live nodes and commands use this object, so that their
+    zeros are equal to the last bit.
     """
 
     def __init__(self, rig: Rig, *, anywhere: bool = False) -> None:
         self._steady = STEADY_SHARE * rig.full_scale_load
         self._highest = rig.preload + NEAR_PRELOAD_SHARE * rig.full_scale_load
         self._anywhere = anywhere
+        self._settles = False
         self._count = 0
         self._open()
 
@@ -255,7 +257,7 @@ class ZeroWindow:
         for begin in range(0, len(time), CONVERTED):
             rows = slice(begin, begin + CONVERTED)
             if not (self.samples or self._anywhere) and (load[rows] > self._highest).all():
-                self._count += len(load[rows])
+                self._count, self._settles = self._count + len(load[rows]), True
                 continue
             for sample in zip(time[rows].tolist(), load[rows].tolist(), gaps[:, rows].T.tolist(),
                               strict=True):
@@ -268,16 +270,18 @@ class ZeroWindow:
         """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
         index = self._count
         self._count += 1
-        is_over = (time - self._opened_at > WINDOW_SECONDS
-                   or abs(load - self._first_load) > self._steady)
-        if self.samples and is_over:
-            if (self.samples >= MIN_SAMPLES
+        is_whole = time - self._opened_at > WINDOW_SECONDS
+        if self.samples and (is_whole or abs(load - self._first_load) > self._steady):
+            if self._settles:
+                self._settles = not is_whole
+            elif (self.samples >= MIN_SAMPLES
                     and self._newest - self._opened_at >= MIN_WINDOW_SECONDS):
                 mean = self._load_sum / self.samples
                 gaps_at_zero = tuple(total / self.samples for total in self._gap_sums)
                 return ZeroReading(mean, gaps_at_zero, self._start, index, mean <= self._highest)
             self._open()
         if not self._anywhere and load > self._highest:
+            self._settles = True
             return None
         if not self.samples:
             self._opened_at, self._first_load, self._start = time, load, index
