@@ -222,6 +222,16 @@ def test_a_simulator_that_drifts_from_call_to_call_gets_a_warning() -> None:
     assert not any('since its first' in sentence for sentence in found(straight).warnings)
 
 
+@pytest.mark.parametrize(('digits', 'is_told'), [(1, True), (6, False)])
+def test_a_simulator_that_gives_few_digits_gets_a_warning(digits: int, is_told: bool) -> None:
+    def printed(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'y': np.round(straight(parameters, run)['y'], digits)}
+
+    told = [words for words in found(printed).warnings if 'answers in steps' in words]
+    checked = str(discrepancy.check(lines(printed), [record(0), record(1)]))
+    assert (bool(told), 'answers in steps' in checked) == (is_told, is_told)
+
+
 def test_a_reading_that_is_masked_is_missing() -> None:
     run = record()
     masked = np.ma.array(run.outputs['y'], mask=False)

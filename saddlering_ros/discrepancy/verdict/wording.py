@@ -393,6 +393,9 @@ def unpredicted_words(rest: Remainder, *, has_causes: bool) -> str:
 
 NOT_CONVERGED = ('a fit on which the verdict rests had not converged: give more rounds by '
                  'Settings(max_rounds=...), narrower bounds or better starts')
+ROUGH = ('the simulator answers in steps, or with errors of its solver: the step by which the '
+         'sensitivity to {} is found changes no channel by more than {} times these errors. Sizes '
+         'may be wrong: give more digits, or a tighter tolerance')
 REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
                  'comparison of causes counts the remainder as model error')
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
