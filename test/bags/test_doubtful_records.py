@@ -239,6 +239,15 @@ def test_cross_talk_of_two_percent_moves_the_parity_and_noise_does_not():
     assert re.search(r'follows the load by 9\d\d nm', note)
 
 
+def test_a_clock_of_one_radial_probe_moves_the_parity_while_the_load_moves():
+    # D2 was 4.6 times too large, with an interval of 0.4 %, and no note.
+    gaps = parity_of(0.0)
+    gaps[2] = np.interp(TIME - 0.5, TIME, gaps[2])
+    (note,) = map(str, parity_findings(RIG, RAMP, gaps))
+    assert 'not with the load' in note
+    assert 'a clock, a delay or a drift of one of them' in note
+
+
 def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(
     tmp_path, recording,
 ):
