@@ -89,7 +89,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     try:
         measured = displacement_of_run(rig, run)
     except BagError as problem:
-        raise IdentificationError(f'{name}: {problem}') from problem
+        raise IdentificationError(str(problem)) from problem
     displacement = measured.displacement.channels[:CHANNEL_COUNT]
     displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
     interval = float(np.median(np.diff(measured.time)))

@@ -150,7 +150,7 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         measured = displacement_of_run(rig, run)
         levels = plateaus(run) if run.test == 'static' else None
     except BagError as problem:
-        raise IdentificationError(f'{name}: {problem}') from problem
+        raise IdentificationError(str(problem)) from problem
     out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
     actual, simulated = measured.displacement.channels, out.displacement.channels
     if not np.array_equal(out.time, measured.time):
@@ -276,7 +276,8 @@ COLUMNS = (
     Column('sound', 'sound %', 100.0,
            'rms that unequal rollers, clearances within 1 µm and a weight within 2 % may add in a '
            'sound ring, in % of the same range'),
-    Column('maximum', 'max', 1e6, 'largest difference, in µm or µrad'),
+    Column('maximum', 'max', 1e6,
+           'largest difference, in a static test of a plateau, in µm or µrad'),
     Column('bias', 'bias', 1e6, 'mean of measured minus simulated, in µm or µrad'),
     Column('zero_error', 'zero', 1e6,
            'part of the bias that the noise of the zero explains, in µm or µrad'),

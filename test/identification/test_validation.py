@@ -221,6 +221,13 @@ def test_a_test_without_any_rest_has_figures_too():
     assert figures(fast).nrmse > 0.0
 
 
+def test_a_refused_run_is_named_once():
+    ramp_only = replace(dynamic_run(), test='static')
+    with pytest.raises(IdentificationError) as refused:
+        validate([ramp_only], RIG, ParameterSet(TRUE_TO_SCALE))
+    assert str(refused.value).count(str(ramp_only.path)) == 1
+
+
 def test_no_runs_are_refused():
     with pytest.raises(IdentificationError, match='no runs'):
         validate([], RIG, TRUTH)
