@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrmm
+from scipy.ndimage import uniform_filter1d
 
 from saddlering_ros.estimation.noise import MIN_NOISE
 from saddlering_ros.estimation.process import Array, block_means, ChannelNoise, filled
@@ -212,6 +213,10 @@ PAUSE = 10.0
 """Distance of two readings, in usual ones, from which on they are read about a pause."""
 
 
+FOLLOWED = 1.0
+"""Time [s] over which the mean motion of a ring follows the load at once."""
+
+
 def slow_cell_noise(
     rig: Rig, contact: ContactParameters, runs: Sequence[PreparedRun]
 ) -> ChannelNoise | None:
@@ -229,13 +234,18 @@ def slow_cell_noise(
         precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), MIN_NOISE**2)
         level = np.array([float(np.mean(one.measured.load[a:b])) for a, b in one.rests])
         slopes = static_slopes(rig, contact, float(one.run.elevation), level)
+        count = max(1, round(FOLLOWED / one.interval))
         for (start, stop), residual, slope in zip(one.rests, left, slopes.T, strict=True):
+            # The simulation follows fast noise late, which would look like slow noise.
+            load = one.measured.load[start:stop]
+            fast = slope[:, None] * load - one.explained[:, start:stop]
+            residual = residual + fast - uniform_filter1d(fast, count, mode='nearest')
             good = np.all(np.isfinite(residual), axis=0)
             if np.count_nonzero(good) < 4:
                 continue
             weights.append(float(precision @ slope**2))
             errors.append((precision * slope / weights[-1]) @ residual[:, good])
-            loads.append(one.measured.load[start:stop][good])
+            loads.append(load[good])
     return common_noise(loads, errors, weights, held[0].interval) if loads else None
 
 

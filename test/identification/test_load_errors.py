@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 
 from saddlering_ros.estimation.record_noise import common_noise
 from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.observation import slow_cell_noise
+from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.rig import ContactParameters
 
 RINGING = ContactParameters(9e7, 1.15, 3e4, 8e8, 1.05, 1e5)
@@ -59,6 +61,18 @@ def test_series_that_share_nothing_have_no_common_noise():
     found = common_noise(list(first), list(second), [1.0] * 100, 0.02)
     assert found.white / 0.02 < 0.02 * 50.0**2
     assert found.slow.sum() < 0.02 * 50.0**2
+
+
+@pytest.mark.parametrize('std', [0.0, 20.0])
+def test_fast_noise_that_a_damped_ring_follows_late_is_no_slow_noise(std):
+    # It was read as 14 N of slow noise, and D1 was 1.8 % too large for it. The measured ring
+    # does not move with the noise of the cell, and the simulated one follows within 0.1 s.
+    damped = ContactParameters(1.1e8, 1.1, 2.5e6, 1.5e8, 1.12, 3.5e6)
+    run = static_run(0.0, contact=damped, noise=1e-7, load_noise=40.0, seed=5)
+    run = with_slow_load_noise(run, std, 7)
+    explained = prepare(run, RIG, 50.0).explained_by(RIG, damped)
+    slow = slow_cell_noise(RIG, damped, [explained]).slow.sum()
+    assert np.sqrt(slow) == pytest.approx(std, rel=0.35, abs=5.0)
 
 
 def test_a_noisy_load_is_no_misfit_of_the_truth(objective):
