@@ -176,7 +176,8 @@ def blind_words(lacks: str, missing: Sequence[str], lag: float) -> str:
     topics = ' and '.join(missing)
     return 'BLIND: ' + {
         NO_LOAD: f'no load arrives on {topics}: start the driver, or see to its network',
-        LATE: f'{topics} is {lag:.2f} s behind the load: see to the load of the machine',
+        LATE: f'{topics} is {lag:.2f} s behind the load: see to the probes, and to the '
+              'load of the machine',
         NO_CHANNEL: f'{topics} holds no known channel: repair the probes, then call ~/zero',
         NO_RESIDUAL: f'nothing arrives on {topics}: its node is not running or not active, or has '
                      'no zero (go to preload, or call /ring_displacement/zero)'}[lacks]
