@@ -87,7 +87,7 @@ def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: i
     stopped = {name for name, place in zip(
         PARAMETER_NAMES, diagnosis.fits.after.theta_unit.tolist(), strict=False)
         if min(place, 1.0 - place) < AT_BOUND}
-    after = _still_open(law_beside, reasons_at_bounds(stopped) | alone.reasons, elevations)
+    after = _still_open(law_beside, reasons_at_bounds(stopped) | alone.reasons_even, elevations)
     return ContactLaw(estimates, law_beside, covariance, alone.reasons, after)
 
 
@@ -96,8 +96,8 @@ def _still_open(
 ) -> dict[str, str]:
     """Reasons by name for parameters that a larger model leaves open.
 
-    before: reasons of the contact law alone. A parameter that was open before stays open, because
-    further unknowns determine nothing.
+    before: reasons of the contact law alone on even raceways. A parameter that was open before
+    stays open, because further unknowns determine nothing.
     """
     reasons = dict(before)
     for name, estimate in estimates.items():

@@ -26,7 +26,7 @@ from saddlering_ros.identification.settings import (
 )
 from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
-from saddlering_ros.quantities import told_once
+from saddlering_ros.quantities import percent, quantity, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, ParameterSource, Rig
 from saddlering_ros.rig.parameter_file import ContactParameters, TRUE_TO_SCALE
@@ -356,6 +356,11 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             f'{trust.sound_factor:.2f} times what noise and small errors of a sound ring leave: '
             f'intervals are widened and may be biased ({advice}; it finds none where smooth '
             'errors of the contact law, delays or noise of the load can explain this)')
+    if trust.waves.rms:
+        words.append(
+            f'raceways that wave by {quantity(trust.waves.rms, "m", digits=2)} (rms) would '
+            f'explain {percent(trust.waves.share)} of the power of the misfit: intervals allow '
+            'for such waves')
     if open_names:
         words.append(f'{UNDETERMINED}: {", ".join(open_names)}')
     status = '; '.join(words) or 'identified'

@@ -62,6 +62,7 @@ class Identification(uncertainty.Uncertainty):
                 key: dict(zip(PARAMETER_NAMES, shift, strict=True))
                 for key, shift in self.systematic.items()},
             'budget': self.budget,
+            'raceway_waves': self.waves.rms,
             'joint': self.joint,
             'notes': list(self.notes),
             'provenance': Provenance(self.parameters.source.origins).as_dict()})
@@ -94,8 +95,9 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
 CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
 
 INTERVALS = (
-    'Errors and intervals allow for noise and for unequal rollers. They do not allow for a wrong '
-    'weight of the moving mass or for the imperfections that saddlering identify lists.')
+    'Errors and intervals allow for noise, for unequal rollers, and for waves of the raceways of '
+    'the size that the misfit shows. They do not allow for a wrong weight of the moving mass or '
+    'for the imperfections that saddlering identify lists.')
 """Sentence beside the intervals of an identification, in the text and in the report."""
 
 

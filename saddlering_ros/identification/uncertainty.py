@@ -4,7 +4,8 @@ The residuals are whitened by the noise the runs show at rest, autocorrelation i
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
 fits worse than that noise, it is widened by that run's mean square residual (Birge ratio). The
 effect of unequal rollers is added: the estimate is G r with G = J^+, so that residuals r of
-covariance I + S S^T (S: small_errors.py) give it the covariance G G^T + G S S^T G^T.
+covariance I + S S^T (S: small_errors.py) give it the covariance G G^T + G S S^T G^T. So is that of
+waves of the raceways, where the misfit shows them (raceways.py).
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -20,6 +21,7 @@ from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.objective import BEFORE, predict, Refinement, WeightedObjective
+from saddlering_ros.identification.raceways import EACH_WAVE, Waves, waves_of
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import Displacement, PARAMETER_NAMES
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
@@ -57,6 +59,8 @@ class Uncertainty:
     intervals: dict[str, tuple[float, float] | None]  # 95 %, in the units; None if open
     systematic: dict[str, Array]  # shift (6,) in coordinates by imperfection
     reasons: dict[str, str]  # why a parameter is open, by name
+    reasons_even: dict[str, str]  # the same if the raceways were even
+    waves: Waves  # of the raceways, as far as the misfit shows them
     collinearity: dict[str, float]  # by subset of names ('K1,n1')
     reduced_chi_square: float  # per degree of freedom, 1 if the misfit equals the noise
     sound_factor: float  # rms misfit over that of noise and small errors of a sound ring together
@@ -86,35 +90,48 @@ def assess(
     by_noise = at_noise * widening + np.outer(late, late)
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     rollers = np.concatenate(objective.whiten(roller_effects(objective, best.contact)), axis=1)
-    moved = inverse @ rollers.T
-    by_rollers = moved @ moved.T
+    sound = np.vstack([rollers, _known(objective, best)])
+    uneven = np.concatenate(objective.whiten([
+        objectives.changes_by(objective.rig, best.contact, one, EACH_WAVE)
+        for one in objective.observations]), axis=1)
+    waves = waves_of(objective.residuals(best.contact[None])[0], best.jacobian,
+                     small_errors.compressed(sound.T).T, uneven, freedom)
+    by_rollers, by_waves = (
+        moved @ moved.T for moved in (inverse @ rollers.T, waves.sizes * (inverse @ uneven.T)))
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}
-    inner = by_noise + by_rollers + sum(
+    even = by_noise + by_rollers + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
-    deviations = [_spread_over_six(np.sqrt(np.diag(matrix)), space) for matrix in (
-        inner, by_noise, inner - at_noise * (widening - 1.0))]
+    inner = even + by_waves
+    total, on_even, of_noise, without_misfit = (
+        _spread_over_six(np.sqrt(np.diag(matrix)), space) for matrix in (
+            inner, even, by_noise, even - at_noise * (widening - 1.0)))
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
     elevations = distinct_elevations(one.elevation for one in objective.observations)
-    reasons = _reasons(space, best, systematic, deviations, elevations, misfit_advice)
+    reasons, reasons_even = (
+        _reasons(space, best, systematic, [in_all, of_noise, without_misfit], elevations,
+                 misfit_advice) for in_all in (total, on_even))
     # Shares of the variance by source: GUM, JCGM 100, 5.1.
     variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
+                 **({'raceway_waves': np.diag(by_waves)} if waves.rms else {}),
                  **{name: shift**2 for name, shift in of_instruments.items()}}
-    total = sum(variances.values(), np.zeros(len(space.free)))
+    variance = sum(variances.values(), np.zeros(len(space.free)))
     return Uncertainty(
         std=np.where([name not in reasons for name in PARAMETER_NAMES], std, np.nan),
         covariance=whole,
         noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
         correlation=np.asarray(whole / np.outer(std, std)),
-        intervals=_intervals(space, best, deviations[0], reasons),
+        intervals=_intervals(space, best, total, reasons),
         systematic=systematic,
         reasons=reasons,
+        reasons_even=reasons_even,
+        waves=waves,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
-        sound_factor=_sound_factor(objective, best, rollers, freedom),
-        budget={name: {source: float(variance[position] / total[position])
-                       for source, variance in variances.items()}
+        sound_factor=_sound_factor(objective, best, sound, freedom),
+        budget={name: {source: float(part[position] / variance[position])
+                       for source, part in variances.items()}
                 for position, name in enumerate(space.names)},
         joint={f'K{row},n{row}': _joint_entry(row, best.contact, whole, bounds)
                for row in (1, 2) if {f'K{row}', f'n{row}'} <= set(space.names)})
@@ -257,23 +274,27 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     return effects
 
 
-def _sound_factor(
-    objective: WeightedObjective, best: Refinement, rollers: Array, freedom: int
-) -> float:
-    """Rms misfit over that of noise and small errors of a sound ring together.
-
-    rollers: whitened residuals (M, R) by unequal rollers; clearances and the weight are added.
-    The parameters are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
-    """
+def _known(objective: WeightedObjective, best: Refinement) -> Array:
+    """Whitened residuals (M, R) by errors of clearances and weight."""
     contact = best.contact[None, :]
     known = [
         np.concatenate(known_errors(
             objective.rig, partial(predict, contacts=contact, observation=one), usual))
         for one, usual in zip(objective.observations, objective.increments(contact), strict=True)]
-    errors = np.vstack([rollers, np.concatenate(objective.whiten(known), axis=1)])
+    return np.concatenate(objective.whiten(known), axis=1)
+
+
+def _sound_factor(
+    objective: WeightedObjective, best: Refinement, sound: Array, freedom: int
+) -> float:
+    """Rms misfit over that of noise and small errors of a sound ring together.
+
+    sound: whitened residuals (M, R) by unequal rollers, clearances and the weight. The parameters
+    are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
+    """
     slopes, _ = np.linalg.qr(best.jacobian)
-    errors -= (errors @ slopes) @ slopes.T
-    along = errors @ objective.residuals(contact)[0]
+    errors = sound - (sound @ slopes) @ slopes.T
+    along = errors @ objective.residuals(best.contact[None])[0]
     inner = np.eye(len(errors)) + errors @ errors.T
     left = best.chi_square - along @ np.linalg.solve(inner, along)
     return math.sqrt(max(float(left), 0.0) / freedom)

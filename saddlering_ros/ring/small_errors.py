@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.effects.extension import at_probe, NO_EXTENSION, RingExtension
+from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.rig import Displacement, Rig, RollerRow
 from saddlering_ros.rig.description import place_of
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
@@ -313,6 +314,8 @@ def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
         elif name in ROWS:
             changed |= {row: replace(getattr(NO_EXTENSION, row), gap=0.5 * size)
                         for row in ROWS[name]}
+        elif name == RacewayWaves.id:
+            return rig, RacewayWaves().extend(replace(NO_EXTENSION, **changed), values)
         else:
             field = getattr(NO_EXTENSION, name)
             changed[name] = at_probe(

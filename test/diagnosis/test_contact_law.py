@@ -1,5 +1,6 @@
 """A verdict prints the contact law that `identify` finds in the same bags, in the same words."""
 
+from dataclasses import replace
 from pathlib import Path
 import re
 from types import SimpleNamespace
@@ -73,6 +74,13 @@ def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
     law = contact_law(diagnosis(('a cause',)), found, 1)
     assert law.after['K1'].value == 1.0
     assert law.reasons_after['n1'] == found.reasons['n1']
+
+
+def test_a_cause_may_determine_what_only_waves_of_the_raceways_left_open(found):
+    wavy = replace(found, reasons={**found.reasons, 'K1': 'K1 is known only within a factor 2'})
+    law = contact_law(diagnosis(('a cause',)), wavy, 1)
+    assert 'K1' in law.reasons_before
+    assert law.reasons_after == found.reasons
 
 
 def test_a_cause_beside_which_a_parameter_is_at_its_bound_leaves_it_open(found):

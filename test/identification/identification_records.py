@@ -53,13 +53,14 @@ def correlated(random, std, memory, shape):
 
 def record(
     test, profile, *, elevation=50.0, contact=TRUE_TO_SCALE, noise=3e-7, load_noise=0.0,
-    memory=0.0, seed=0, rig=RIG, name=None,
+    memory=0.0, seed=0, rig=RIG, name=None, effects=None,
 ):
     """A Record of the simulator's own readings with noise [m] on the gaps, [N] on the load."""
     random = np.random.default_rng(seed)
     time, load = profile
     step = 1e-2 if test == 'static' else 1e-3
-    run = simulate(rig, ParameterSet(contact), elevation * DEGREES, time, load, step)
+    parameters = ParameterSet(contact, effects or {})
+    run = simulate(rig, parameters, elevation * DEGREES, time, load, step)
     increments = np.zeros((4, len(time)))
     increments[:, run.first :] = displacement_to_probes(rig.probes, run.displacement)
     polarity = np.asarray(rig.probes.polarity)[:, None]

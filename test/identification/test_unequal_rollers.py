@@ -2,19 +2,20 @@
 
 from dataclasses import replace
 
-from identification_records import observe
+from identification_records import dynamic_run, observe, static_run
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from benchmarks.examiner import draw_truth
 from saddlering_ros.bags.reader import read_run
+from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.identification.uncertainty import MAX_SOUND, roller_effects
 from saddlering_ros.quantities import WIDTH_95
-from saddlering_ros.rig import default_rig, PARAMETER_NAMES
+from saddlering_ros.rig import default_rig, PARAMETER_NAMES, TRUE_TO_SCALE
 
 SEED = 4
 RIG = default_rig()
@@ -57,6 +58,38 @@ def test_unequal_rollers_explain_a_misfit_that_noise_does_not(found):
     assert found.sound_factor < MAX_SOUND
     assert found.sound_factor < found.noise_factor
     assert 'times what noise' not in found.status
+
+
+def test_even_raceways_show_no_waves(found):
+    assert found.waves.rms == 0.0
+    assert found.reasons == found.reasons_even
+    assert not any('raceway_waves' in shares for shares in found.budget.values())
+
+
+def wavy_ring(seed):
+    """The identification of a ring whose raceways wave by 4 um rms."""
+    drawn = 1.5e-6 * np.random.default_rng(seed).standard_normal(len(RacewayWaves.parameters))
+    waves = {RacewayWaves.id: {
+        one.name: size for one, size in zip(RacewayWaves.parameters, drawn, strict=True)}}
+    tests = (static_run, 50.0), (dynamic_run, 50.0), (static_run, 70.0)
+    return identify([make(elevation=degrees, effects=waves, seed=number)
+                     for number, (make, degrees) in enumerate(tests)], RIG, SHORT)
+
+
+def test_intervals_allow_for_waves_of_the_size_that_the_misfit_shows():
+    errors, of_waves = [], []
+    for found in map(wavy_ring, range(1, 4)):
+        off = found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()
+        errors.append(off / np.sqrt(np.diag(found.covariance)))
+        of_waves.append([found.budget[name]['raceway_waves'] for name in PARAMETER_NAMES])
+        assert 1.5e-6 < found.waves.rms < 1.5e-5
+        assert 'raceways that wave by' in found.status
+        assert 'because the misfit exceeds the noise' in found.reasons['K1']
+        assert 'K1' not in found.reasons_even
+    # K and n of both rows; their errors were five times what was stated.
+    law, rest = np.array(errors)[:, [0, 1, 3, 4]], 1.0 - np.array(of_waves)[:, [0, 1, 3, 4]]
+    assert np.sqrt(np.mean(law**2)) < 1.5
+    assert np.sqrt(np.mean(law**2 / rest)) > 4.0
 
 
 def test_a_lag_that_hides_in_the_damping_is_more_than_unequal_rollers_explain(runs, found):
