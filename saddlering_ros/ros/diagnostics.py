@@ -129,6 +129,33 @@ class StreamTask(Kept):
         return TaskStatus(level, words, figures)
 
 
+SILENT_PERIODS = 2
+"""Periods without a message after which a stream is silent: one begins or ends between two."""
+
+
+class SilentStreams:
+    """Logs once which stream falls silent while another one goes on, and its return."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._periods: dict[str, int] = {}
+
+    def review(self, found: Iterable[tuple[Task, TaskStatus]]) -> None:
+        """Log what the statuses of a period change."""
+        silent = {task.topic: status.level == STALE for task, status in found
+                  if isinstance(task, StreamTask) and task.total}
+        if all(silent.values()):  # The test is over, or not begun.
+            return
+        for topic, is_silent in silent.items():
+            before = self._periods.get(topic, 0)
+            self._periods[topic] = before + 1 if is_silent else 0
+            if self._periods[topic] == SILENT_PERIODS:
+                self._node.get_logger().warning(
+                    f'{topic}: no messages, while those of other topics come: see to its source')
+            elif before >= SILENT_PERIODS and not is_silent:
+                self._node.get_logger().info(f'{topic}: messages come again')
+
+
 class SaturationTask(Kept):
     """Gaps [m] of a probe at or beyond the ends of its range; others than numbers do not count."""
 

@@ -84,6 +84,7 @@ class StreamingNode(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._progress = self.create_publisher(ReplayProgress, PROGRESS, raw_topics.PROGRESS_QOS)
         self._namesakes = diagnostics.Namesakes(self)
+        self._silent = diagnostics.SilentStreams(self)
         self._told = self._beat = 0.0
         self._untold = False
         self._diagnosed = time.monotonic()
@@ -261,9 +262,11 @@ class StreamingNode(LifecycleNode):
             steps = 'activate' if self.tasks else 'configure, then activate'
             state = TaskStatus(
                 OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
+        found = [(task, task.report(elapsed)) for task in self.tasks]
+        self._silent.review(found)
         self._diagnostics.publish(diagnostics.to_message(self, [
             (diagnostics.STATE_TASK, state),
-            *((task.name, task.report(elapsed)) for task in self.tasks)]))
+            *((task.name, status) for task, status in found)]))
 
 
 REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',

@@ -27,7 +27,15 @@ from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.rig.drawing import dotted, entry_values
 from saddlering_ros.ros import diagnostics
-from saddlering_ros.ros.diagnostics import ERROR, Events, Namesakes, OK, StreamTask, WARN
+from saddlering_ros.ros.diagnostics import (
+    ERROR,
+    Events,
+    Namesakes,
+    OK,
+    SilentStreams,
+    StreamTask,
+    WARN,
+)
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import rig_words
@@ -194,6 +202,23 @@ def test_a_publisher_that_a_node_cannot_hear_is_told_once_in_its_log_and_on_diag
     found = StreamingNode.sources(node).report(1.0)
     assert (found.level, found.words) == ((WARN, words) if words else (OK, 'one at most'))
     assert logged == ([words] if words else [])
+
+
+def test_a_stream_that_falls_silent_beside_others_is_told_once_in_the_log_and_so_is_its_return(
+) -> None:
+    logged: list[str] = []
+    node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(
+        warning=logged.append, info=logged.append))
+    silent, streams = SilentStreams(node), [StreamTask('/rig/load'), StreamTask('/rig/probe_1')]
+    # Both come; the probe is silent for one period, then for three; at last the test is over.
+    for second, comes in enumerate('yynynnnyn'):
+        for task in streams:
+            if (comes == 'y' or task is streams[0]) and second < 8:
+                task.push(START + second * SECOND + MS * np.arange(100))
+        silent.review([(task, task.report(1.0)) for task in streams])
+        assert len(logged) == (second >= 5) + (second >= 7)
+    assert logged[0].startswith('/rig/probe_1: no messages, while those of other topics come')
+    assert logged[1] == '/rig/probe_1: messages come again'
 
 
 @pytest.mark.parametrize('running', [1, 2])
