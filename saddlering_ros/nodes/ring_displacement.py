@@ -211,7 +211,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         parity = self._parity.taken()
         parity = parity[np.isfinite(parity)]
         if not len(parity):
-            return TaskStatus(OK, 'no displacement yet')
+            return TaskStatus(OK, 'no displacement in this period')
         mean, limit = float(parity.mean()), PARITY_SIGMAS * self.settings['parity_noise']
         figures = {'mean [um]': f'{mean * 1e6:.3f}',
                    'peak [um]': f'{float(np.abs(parity).max()) * 1e6:.3f}',

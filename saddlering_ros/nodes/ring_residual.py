@@ -88,7 +88,7 @@ class RingResidualNode(streaming_node.StreamingNode):
         numbers = self._sizes.taken().reshape(-1, len(CHANNELS))
         counts = np.isfinite(numbers).sum(axis=0)
         if not counts.any():
-            return TaskStatus(OK, 'no residual yet')
+            return TaskStatus(OK, 'no residual in this period')
         rms = np.sqrt(np.nansum(numbers ** 2, axis=0) / np.maximum(counts, 1))
         return TaskStatus(OK, f'{int(counts.max())} residuals', {
             f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
