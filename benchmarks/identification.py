@@ -1,13 +1,15 @@
 """Do intervals of identify hold the truth of drawn rigs, and is another test predicted?
 
-    python benchmarks/identification.py [--rigs 200] [--scatter] [--waves 0 --seed 1]
+    python benchmarks/identification.py [--rigs 200] [--scatter]
+                                        [--small-errors] [--waves 0] [--seed 1]
 
 Each rig is drawn from the whole box of contact laws. It is identified from a static and a dynamic
 run at 50 deg and a static run at 70 deg, and a dynamic run at 70 deg is predicted. Counted are
 95 % intervals that hold the truth (target: 90 to 99 % for every parameter) and predictions with
 nrmse within 1.1 times the noise floor; what the true parameters reach stands beside them. With
---scatter the rollers differ as made ones do. With --waves the rings are those of
-independent_ring.py, whose raceways wave by this rms [um]: the first has the number --seed.
+--scatter the rollers differ as made ones do. With --waves or --small-errors the rings are those of
+independent_ring.py, whose raceways wave by this rms [um], or which have all small errors of
+dirty_ring.py: the first has the number --seed.
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ from pathlib import Path
 import tempfile
 import time
 
-from dirty_ring import wavy
+from dirty_ring import dirty_fault, NOTHING, wavy
 from frame import arguments
 from independent import draw_ring, write
 from independent_ring import Fault, record, usual_courses
@@ -76,10 +78,9 @@ def one_rig(number: int, scatter: Scatter) -> Rig:
                np.array([found.determined[name] for name in PARAMETER_NAMES]), ratios, seconds)
 
 
-def wavy_ring(number: int, rms: float) -> tuple[Array, Array]:
-    """Errors over stated errors (6,) of a ring with waves, and which parameters are determined."""
+def real_ring(number: int, fault: Fault) -> tuple[Array, Array, Array]:
+    """Errors (6,) of ln K, n, ln D, those over stated ones, and which are determined."""
     ring, noise = draw_ring(number)
-    fault = wavy(Fault(), number, rms)
     with tempfile.TemporaryDirectory() as folder:
         runs = [read_run(write(record(ring, fault, course, number + 31 * place, noise), place,
                                Path(folder)))
@@ -87,21 +88,22 @@ def wavy_ring(number: int, rms: float) -> tuple[Array, Array]:
     found = identify(runs, RIG, IdentificationSettings(seed=number))
     truth = np.array([float(getattr(ring, name)) for name in PARAMETER_NAMES])
     value = found.parameters.contact.to_array()
-    off = np.where(LOGARITHMIC, value * np.log(value / truth), value - truth)
-    return off / np.sqrt(np.diag(found.covariance)), np.array(
-        [found.determined[name] for name in PARAMETER_NAMES])
+    off = np.where(LOGARITHMIC, np.log(value / truth), value - truth)
+    stated = np.sqrt(np.diag(found.covariance)) / np.where(LOGARITHMIC, value, 1.0)
+    return off, off / stated, np.array([found.determined[name] for name in PARAMETER_NAMES])
 
 
-def report_wavy(rings: list[tuple[Array, Array]]) -> None:
+def report_real(rings: list[tuple[Array, Array, Array]]) -> None:
     """Print how many intervals hold, of determined parameters and of all."""
     print(f'{"parameter":10s} {"determined":>10s} {"95 % holds":>11s} {"of all":>8s} '
-          f'{"rms z":>8s}')
-    score, determined = (np.array(part) for part in zip(*rings, strict=True))
+          f'{"rms z":>8s} {"rms error":>10s}')
+    off, score, determined = (np.array(part) for part in zip(*rings, strict=True))
     holds = np.abs(score) <= WIDTH_95
     for column, name in enumerate(PARAMETER_NAMES):
         own = determined[:, column]
         print(f'{name:10s} {own.sum():10d} {holds[own, column].sum():11d} '
-              f'{holds[:, column].sum():8d} {np.sqrt(np.mean(score[:, column]**2)):8.2f}')
+              f'{holds[:, column].sum():8d} {np.sqrt(np.mean(score[:, column]**2)):8.2f} '
+              f'{np.sqrt(np.mean(off[:, column]**2)):10.4f}')
 
 
 def report(rigs: list[Rig]) -> None:
@@ -123,10 +125,13 @@ def report(rigs: list[Rig]) -> None:
 
 
 def main() -> None:
-    args = arguments(__doc__, {'rigs': 5}, rigs=200, scatter=False, waves=0.0, seed=1)
-    if args.waves:
-        report_wavy([wavy_ring(number, args.waves)
-                     for number in range(args.seed, args.seed + args.rigs)])
+    args = arguments(__doc__, {'rigs': 5}, rigs=200, scatter=False, small_errors=False,
+                     waves=0.0, seed=1)
+    if args.waves or args.small_errors:
+        numbers = range(args.seed, args.seed + args.rigs)
+        report_real([real_ring(
+            number, dirty_fault(NOTHING, number, args.waves) if args.small_errors else
+            wavy(Fault(), number, args.waves)) for number in numbers])
         return
     scatter = Scatter() if args.scatter else NO_SCATTER
     report([one_rig(number, scatter) for number in range(args.rigs)])

@@ -37,9 +37,6 @@ LOAD_STEP = 0.002
 FAILED = 1e-3
 """Reading [m] of a failed simulation, far from any measured one."""
 
-LOAD_WANDER = 1e-4
-"""Slow wander of a load cell as a share of full scale."""
-
 STEEP, MAX_STEEP = 3.0, 20
 """Steepness of a block, in usual ones, from which the noise of the load counts; and their largest
 number in a run."""
@@ -296,7 +293,7 @@ class RingSystem:
 
         There is one column per block; k counts over all runs, each with its own blocks.
         """
-        wander = LOAD_WANDER * self.rig.full_scale_load
+        wander = small_errors.LOAD_WANDER * self.rig.full_scale_load
         step = LOAD_STEP * self.rig.full_scale_load
         changes, places = [], []
         for run, point in zip(runs, points, strict=True):

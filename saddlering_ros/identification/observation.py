@@ -24,6 +24,7 @@ from saddlering_ros.identification.prepared import NoiseModel, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.sensitivity import load_sensitivity
 from saddlering_ros.ring.simulator import static_response
+from saddlering_ros.ring.small_errors import LOAD_WANDER
 
 
 class LoadErrors(NamedTuple):
@@ -135,15 +136,17 @@ def observe_with_cell(
     """Observations with the noise of the load cell, evaluated at a first result."""
     explained = [one.explained_by(rig, contact) for one in runs]
     observed = observe_prepared(explained, fit_rate)
-    slow = slow_cell_noise(rig, contact, explained)
+    cell = slow_cell_noise(rig, contact, explained)
+    slow = np.zeros(COMMON_TIMES.size) if cell is None else cell.slow.copy()
+    # With an exact cell, D answers to each small friction and creep of a rig.
+    slow[-1] += max(0.0, (LOAD_WANDER * rig.full_scale_load) ** 2 - slow.sum())
     answers = []
     for one, seen in zip(explained, observed, strict=True):
         # Noise [N] of the cell: white by the second differences of the load, and the slow part.
         load = one.measured.load
         white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
         noise = ChannelNoise(
-            white * one.interval, np.zeros(COMMON_TIMES.size) if slow is None else slow.slow, 0.0,
-            max(1, len(load) - 2), COMMON_TIMES)
+            white * one.interval, slow, 0.0, max(1, len(load) - 2), COMMON_TIMES)
         answers.append(replace(seen, load_errors=load_errors_of(rig, contact, one, seen, noise)))
     return answers
 

@@ -32,6 +32,8 @@ CLEARANCE_UNKNOWN = 1e-6
 """Standard deviation [m] of the mean clearance of a row."""
 WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
+LOAD_WANDER = 1e-4
+"""Slow wander of a load cell as a share of full scale."""
 KNOWN = ('clearance_axial', 'clearance_radial', 'weight')
 """Sources of `CERTIFIED` whose errors are those of `known_rigs`."""
 SOUND_LOADS = 25

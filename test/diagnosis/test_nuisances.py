@@ -5,12 +5,17 @@ import pytest
 
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis.records import build_record
-from saddlering_ros.diagnosis.ring_system import LOAD_WANDER, MAX_STEEP, RingSystem
+from saddlering_ros.diagnosis.ring_system import MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
 from saddlering_ros.ring import small_errors
-from saddlering_ros.ring.small_errors import CLEARANCE_UNKNOWN, CURVATURE, scatter_columns
+from saddlering_ros.ring.small_errors import (
+    CLEARANCE_UNKNOWN,
+    CURVATURE,
+    LOAD_WANDER,
+    scatter_columns,
+)
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6
