@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from saddlering_ros.effects.raceway_waves import RacewayWaves
+from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, WAVES
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.ring.small_errors import SmallError
 
@@ -24,7 +24,7 @@ EACH_WAVE: list[SmallError] = [
     for one in RacewayWaves.parameters if '_cosine_' in one.name]
 """A wave each. Sines move a ring that is loaded in its plane of symmetry by their square only."""
 
-MAXIMA = np.tile(np.arange(1, len(EACH_WAVE) // 3 + 1), 3)
+MAXIMA = np.tile(np.arange(1, WAVES // 2 + 1), len(ROWS))
 """Number of maxima of each wave."""
 
 SIZES = np.geomspace(0.05, 200.0, 31)
@@ -49,22 +49,17 @@ class Waves:
     @property
     def rms(self) -> float:
         """Rms [m] of the waves of a raceway."""
-        return WAVE * math.sqrt(float(self.sizes @ self.sizes) / 3.0 / 2.0)
+        return WAVE * math.sqrt(float(self.sizes @ self.sizes) / len(ROWS) / 2.0)
 
 
-def waves_of(
-    residual: Array, jacobian: Array, sound: Array, waves: Array, freedom: int,
-) -> Waves:
+def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves:
     """The waves that whitened residuals (R,) show; their sizes are 0 if they explain too little.
 
-    jacobian (R, P): derivatives by the free parameters; sound (M, R), waves (W, R): changes of
-    the residuals by small errors of a sound ring and by each wave; freedom: of the residuals.
+    sound (M, R), waves (W, R): changes of the residuals by small errors of a sound ring and by
+    each wave; freedom: of the residuals. All are what the free parameters cannot imitate.
     """
-    slopes, _ = np.linalg.qr(jacobian)
-    left = residual - slopes @ (slopes.T @ residual)
     errors = np.vstack([sound, waves])
-    errors -= (errors @ slopes) @ slopes.T
-    power, along, products = float(left @ left), errors @ left, errors @ errors.T
+    power, along, products = float(residual @ residual), errors @ residual, errors @ errors.T
     noise = np.geomspace(0.5, 2.0 * max(power / freedom, 1.0), 60)[:, None]
     found = []
     for sizes in (0.0 * MAXIMA, *(size * MAXIMA**power for power in POWERS for size in SIZES)):

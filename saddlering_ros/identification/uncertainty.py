@@ -81,24 +81,33 @@ def assess(
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
-    systematic = systematic_shifts(objective, space, best, IMPERFECTIONS)
-    certified = systematic_shifts(objective, space, best, certified_errors(objective.rig))
+    inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
+    certified = certified_errors(objective.rig)
+    changes = _changes(
+        objective, best, [*IMPERFECTIONS.values(), *certified.values(), *EACH_WAVE])
+    shifts = changes @ inverse.T
+    systematic = {name: _spread_over_six(shift, space)
+                  for name, shift in zip(IMPERFECTIONS, shifts, strict=False)}
+    count = len(IMPERFECTIONS) + len(certified)
+    of_instruments = dict(zip(certified, shifts[len(IMPERFECTIONS):count], strict=True))
     # Delay of logger and filters between load and probes, within the limits from the readings.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
-    inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     rollers = np.concatenate(objective.whiten(roller_effects(objective, best.contact)), axis=1)
     sound = np.vstack([rollers, _known(objective, best)])
-    uneven = np.concatenate(objective.whiten([
-        objectives.changes_by(objective.rig, best.contact, one, EACH_WAVE)
-        for one in objective.observations]), axis=1)
-    waves = waves_of(objective.residuals(best.contact[None])[0], best.jacobian,
-                     small_errors.compressed(sound.T).T, uneven, freedom)
+    residual = objective.residuals(best.contact[None])[0]
+    slopes, _ = np.linalg.qr(best.jacobian)
+
+    def beside(errors: Array) -> Array:
+        """Changes (..., R) of residuals less what the parameters imitate."""
+        return np.asarray(errors - (errors @ slopes) @ slopes.T)
+
+    waves = waves_of(beside(residual), beside(small_errors.compressed(sound.T).T),
+                     beside(changes[count:]), freedom)
     by_rollers, by_waves = (
-        moved @ moved.T for moved in (inverse @ rollers.T, waves.sizes * (inverse @ uneven.T)))
-    of_instruments = {name: shift[space.free] for name, shift in certified.items()}
+        moved @ moved.T for moved in (inverse @ rollers.T, waves.sizes * shifts[count:].T))
     even = by_noise + by_rollers + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
     inner = even + by_waves
@@ -129,7 +138,7 @@ def assess(
         waves=waves,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
-        sound_factor=_sound_factor(objective, best, sound, freedom),
+        sound_factor=_sound_factor(residual, beside(sound), freedom),
         budget={name: {source: float(part[position] / variance[position])
                        for source, part in variances.items()}
                 for position, name in enumerate(space.names)},
@@ -240,19 +249,13 @@ def _with_bounds_alone(
     return np.asarray(six)
 
 
-def systematic_shifts(
-    objective: WeightedObjective, space: SearchSpace, best: Refinement,
-    errors: Mapping[str, SmallError],
-) -> dict[str, Array]:
-    """Change of the parameters by each small error, (6,) coordinates."""
-    if not errors:
-        return {}
-    inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
-    white = objective.whiten([
-        objectives.changes_by(objective.rig, best.contact, one, list(errors.values()))
-        for one in objective.observations])
-    moved = np.concatenate(white, axis=1) @ inverse.T
-    return {name: _spread_over_six(row, space) for name, row in zip(errors, moved, strict=True)}
+def _changes(
+    objective: WeightedObjective, best: Refinement, errors: Sequence[SmallError],
+) -> Array:
+    """Whitened residuals (M, R) by each small error."""
+    return np.concatenate(objective.whiten([
+        objectives.changes_by(objective.rig, best.contact, one, errors)
+        for one in objective.observations]), axis=1)
 
 
 def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
@@ -284,19 +287,15 @@ def _known(objective: WeightedObjective, best: Refinement) -> Array:
     return np.concatenate(objective.whiten(known), axis=1)
 
 
-def _sound_factor(
-    objective: WeightedObjective, best: Refinement, sound: Array, freedom: int
-) -> float:
+def _sound_factor(residual: Array, errors: Array, freedom: int) -> float:
     """Rms misfit over that of noise and small errors of a sound ring together.
 
-    sound: whitened residuals (M, R) by unequal rollers, clearances and the weight. The parameters
+    errors: whitened residuals (M, R) by unequal rollers, clearances and the weight. The parameters
     are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
     """
-    slopes, _ = np.linalg.qr(best.jacobian)
-    errors = sound - (sound @ slopes) @ slopes.T
-    along = errors @ objective.residuals(best.contact[None])[0]
+    along = errors @ residual
     inner = np.eye(len(errors)) + errors @ errors.T
-    left = best.chi_square - along @ np.linalg.solve(inner, along)
+    left = residual @ residual - along @ np.linalg.solve(inner, along)
     return math.sqrt(max(float(left), 0.0) / freedom)
 
 

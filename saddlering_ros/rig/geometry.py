@@ -257,7 +257,8 @@ class ZeroWindow:
         for begin in range(0, len(time), CONVERTED):
             rows = slice(begin, begin + CONVERTED)
             if not (self.samples or self._anywhere) and (load[rows] > self._highest).all():
-                self._count, self._settles = self._count + len(load[rows]), True
+                self._count += len(load[rows])
+                self._settles = True
                 continue
             for sample in zip(time[rows].tolist(), load[rows].tolist(), gaps[:, rows].T.tolist(),
                               strict=True):

@@ -308,18 +308,20 @@ def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
 
     The extension has a field for each of these effects, so that a catalogue may lack them.
     """
-    changed: dict[str, Any] = {}
+    extension = NO_EXTENSION
     for name, values in error.items():
         size = [*values.values()][-1]
         if name in DIMENSIONS:
             rig = DIMENSIONS[name].changed(rig, size)
-        elif name in ROWS:
-            changed |= {row: replace(getattr(NO_EXTENSION, row), gap=0.5 * size)
-                        for row in ROWS[name]}
-        elif name == RacewayWaves.id:
-            return rig, RacewayWaves().extend(replace(NO_EXTENSION, **changed), values)
-        else:
-            field = getattr(NO_EXTENSION, name)
+            continue
+        if name == RacewayWaves.id:
+            extension = RacewayWaves().extend(extension, values)
+            continue
+        changed: dict[str, Any] = {row: replace(getattr(extension, row), gap=0.5 * size)
+                                   for row in ROWS.get(name, ())}
+        if not changed:
+            field = getattr(extension, name)
             changed[name] = at_probe(
                 field, round(values.get('probe', 0.0)), size) if isinstance(field, tuple) else size
-    return rig, replace(NO_EXTENSION, **changed)
+        extension = replace(extension, **changed)
+    return rig, extension
