@@ -144,7 +144,9 @@ class SilentStreams:
         """Log what the statuses of a period change."""
         silent = {task.topic: status.level == STALE for task, status in found
                   if isinstance(task, StreamTask) and task.total}
-        if all(silent.values()):  # The test is over, or not begun.
+        if all(silent.values()):  # The test is over, or not begun; a silence that was told stays.
+            self._periods = {topic: periods for topic, periods in self._periods.items()
+                             if periods >= SILENT_PERIODS}
             return
         for topic, is_silent in silent.items():
             before = self._periods.get(topic, 0)

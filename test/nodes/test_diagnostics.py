@@ -221,6 +221,20 @@ def test_a_stream_that_falls_silent_beside_others_is_told_once_in_the_log_and_so
     assert logged[1] == '/rig/probe_1: messages come again'
 
 
+def test_a_stream_that_ends_before_others_and_begins_after_them_is_not_silent() -> None:
+    logged: list[str] = []
+    node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(
+        warning=logged.append, info=logged.append))
+    silent, streams = SilentStreams(node), [StreamTask('/rig/load'), StreamTask('/rig/probe_1')]
+    # Two tests with a pause; the load goes on for a period longer, and begins one earlier.
+    for second, (load, probe) in enumerate(zip('yyynnyyy', 'yynnnnyy', strict=True)):
+        for task, comes in zip(streams, (load, probe), strict=True):
+            if comes == 'y':
+                task.push(START + second * SECOND + MS * np.arange(100))
+        silent.review([(task, task.report(1.0)) for task in streams])
+    assert not logged
+
+
 @pytest.mark.parametrize('running', [1, 2])
 def test_a_node_that_has_left_is_no_namesake_though_the_middleware_still_names_it(
         running: int) -> None:
