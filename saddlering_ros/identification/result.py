@@ -96,8 +96,9 @@ CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
 
 INTERVALS = (
     'Errors and intervals allow for noise, for unequal rollers, and for waves of the raceways of '
-    'the size that the misfit shows. They do not allow for a wrong weight of the moving mass or '
-    'for the imperfections that saddlering identify lists.')
+    'the size that the misfit shows. They do not allow for a wrong weight of the moving mass, '
+    'for friction or creep of the rig, which change D most, or for the imperfections that '
+    'saddlering identify lists.')
 """Sentence beside the intervals of an identification, in the text and in the report."""
 
 
