@@ -280,16 +280,18 @@ class SampleGuard:
         """Note a step to the held sample that the hydraulics cannot make.
 
         The age of a reading counts from its last change, so that the load after a stall is sound.
+        Stamps that stand still or go back tell nothing of a rate.
         """
-        if self._last is None or not self._follows(self._last[0], held[0]):
+        last = self._last
+        if last is None or held[0] <= last[0] or not self._follows(last[0], held[0]):
             return
-        change, elapsed = held[1] - self._last[1], abs(held[0] - self._last[0]) * 1e-9
+        change, elapsed = held[1] - last[1], (held[0] - last[0]) * 1e-9
         age = max(elapsed, (held[0] - self._changed) * 1e-9)
         steps, limits = self.doubtful, self.limits
         if steps.since is not None:
             steps.add(held[0], change, limits.step + limits.rate * elapsed, self._changed)
         elif abs(change) > limits.step + limits.rate * age:
-            steps.since, steps.first, steps.offset = self._last[0], held[0], change
+            steps.since, steps.first, steps.offset = last[0], held[0], change
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last

@@ -56,7 +56,7 @@ def test_one_outlier_is_refused_and_every_other_sample_passes(
     assert {key: count for key, count in vars(guard.counters).items() if count} == {name: 1}
 
 
-@pytest.mark.parametrize('change', ['step', 'stall', -100.0, 0.2, 3600.0])
+@pytest.mark.parametrize('change', ['step', 'stall', 'stopped clock', -100.0, 0.2, 3600.0])
 def test_a_step_a_stall_and_a_clock_that_was_set_pass_whole(change: str | float) -> None:
     stamps, values = steady()
     if change == 'step':
@@ -64,6 +64,9 @@ def test_a_step_a_stall_and_a_clock_that_was_set_pass_whole(change: str | float)
     elif change == 'stall':
         stamps, values = ramp()
         values[300:900] = values[300]
+    elif change == 'stopped clock':  # The load goes on meanwhile, by 0.8 of full scale.
+        stamps, values = ramp()
+        stamps[300:1300] = stamps[300]
     else:
         stamps[50:] = [stamp + round(change * 1e9) for stamp in stamps[50:]]
     guard = SampleGuard(load_limits(RIG))
