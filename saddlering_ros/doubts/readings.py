@@ -248,16 +248,24 @@ def clock_findings(
     return findings
 
 
-def _other_clock(load: RawTopic, probes: Sequence[RawTopic]) -> list[Finding]:
-    """A finding if all probes begin and end by the same time apart from the load."""
-    ends = np.array([raw.stamps[[0, -1]] - load.stamps[[0, -1]] for raw in probes]) * 1e-9
-    apart, period = float(np.median(ends)), float(np.median(np.diff(load.stamps))) * 1e-9
-    if abs(apart) < MAX_APART + 3.0 * period or float(np.ptp(ends)) > 3.0 * period:
-        return []
+def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
+    """A finding for all probes, or for each, that begin and end by the same time off the load."""
+    load = record[LOAD_TOPIC].stamps
+    limit = MAX_APART + 3.0 * float(np.median(np.diff(load))) * 1e-9
+    apart = {}
+    for name in PROBE_TOPICS:
+        begin, end = ((record[name].stamps[[0, -1]] - load[[0, -1]]) * 1e-9).tolist()
+        if name != absent and abs(end - begin) < limit < min(abs(begin), abs(end)):
+            apart[name] = 0.5 * (begin + end)
+    times = list(apart.values())
+    if len(times) == len(PROBE_TOPICS) - bool(absent) and max(times) - min(times) < limit:
+        apart = {'': float(np.median(times))}
     return [Finding(
-        f'the probes begin and end {abs(apart):.3g} s {"later" if apart > 0.0 else "earlier"} '
-        'than the load: if all were recorded together, the clocks differ by this time: correct '
-        'the stamps, or D1 and D2 are wrong')]
+        f'{"" if name else "the probes "}begin{"s" * bool(name)} and end{"s" * bool(name)} '
+        f'{abs(seconds):.2g} s {"later" if seconds > 0.0 else "earlier"} than the load: if all '
+        'were recorded together, the clocks differ by this time: correct the stamps, or '
+        f'{"the displacement, " * bool(name)}D1 and D2 are wrong', name)
+        for name, seconds in apart.items()]
 
 
 def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:
@@ -319,7 +327,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                        f'unit or the rate of its time{noted}')
     findings += clock_findings(
         qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS], seconds)
-    findings += _other_clock(load, probes)
+    findings += other_clocks(record, absent)
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '

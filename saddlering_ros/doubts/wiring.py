@@ -29,8 +29,8 @@ CLEAR_SIDE = 0.25
 """Smallest share of the largest motion at which the side of a probe is certain."""
 
 OPPOSITE_LIMIT = 0.1
-"""Sum of probes 1 and 3, as a share of their difference (rms), from which on they do not mirror
-each other: 0.004 to 0.012 with sound probes, 0.08 with a draught at one of them."""
+"""Sum of the motions of probes 1 and 3 (rms, signed) over their difference from which on they do
+not mirror each other. A clock or a draught of one of them hardly changes its motion."""
 
 STUCK_SAMPLES = 20
 """Fewest samples of a probe that is stuck: a converter may repeat a few of a slow motion."""
@@ -85,7 +85,7 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
               if np.array_equal(gaps[first], gaps[second])]
     if stuck or dead or copied:
         return [*stuck, *dead, *copied]
-    return _mirrored(increments) or _sides(rig, slope, expected, clear)
+    return _mirrored(increments, slope) or _sides(rig, slope, expected, clear)
 
 
 def wiring_first(rig: Rig, runs: Sequence[Record]) -> str:
@@ -111,7 +111,7 @@ def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
         f'{rig.force_range(low, high, 2)}: the probe is stuck, or at an end of its range')]
 
 
-def _mirrored(increments: Floats) -> list[Finding]:
+def _mirrored(increments: Floats, slope: Floats) -> list[Finding]:
     """Probes 1 and 3 must mirror each other; another pair that does shows swapped channels."""
     around = increments - increments.mean(axis=1, keepdims=True)
     # Rms of the sum of two probes over that of their difference: 0 if they mirror each other.
@@ -119,7 +119,9 @@ def _mirrored(increments: Floats) -> list[Finding]:
         (first, second): float(np.sqrt(np.mean((around[first] + around[second]) ** 2))) / max(
             float(np.sqrt(np.mean((around[first] - around[second]) ** 2))), 1e-12)
         for first, second in combinations(range(4), 2)}
-    opposite = unlikeness.pop((0, 2))
+    del unlikeness[0, 2]
+    one, _, other, _ = (np.sign(slope) * around.std(axis=1)).tolist()
+    opposite = abs(one + other) / max(abs(one - other), 1e-12)
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
     (first, second), least = min(unlikeness.items(), key=lambda pair: pair[1])
@@ -131,8 +133,8 @@ def _mirrored(increments: Floats) -> list[Finding]:
                '1 and 3 look swapped with those of 2 and 4')
     return [Finding(
         f'channels of probes {swapped}: {first + 1} and {second + 1} mirror each other (their sum '
-        f'is {100 * least:.1f} % of their difference), and 1 and 3, which should, do not '
-        f'({100 * opposite:.0f} %)')]
+        f'is {100 * least:.1f} % of their difference), and the motions of 1 and 3, which should, '
+        f'do not ({100 * opposite:.0f} %)')]
 
 
 def _sides(rig: Rig, slope: Floats, expected: Floats, clear: Mask) -> list[Finding]:

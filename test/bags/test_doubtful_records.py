@@ -9,14 +9,14 @@ import shutil
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.reader import bag_info, read_run
+from saddlering_ros.bags.reader import bag_info, read_raw, read_run
 from saddlering_ros.bags.wire import DISPLACEMENT_TYPE, encode
-from saddlering_ros.bags.write import BagWriter, MessageBlock, messages_of
+from saddlering_ros.bags.write import BagWriter, MessageBlock, messages_of, write_bag
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
-from saddlering_ros.record.record import Record
+from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
@@ -115,6 +115,29 @@ def test_probes_stamped_by_another_clock_are_noted(tmp_path, recording, seconds,
     side = 'later' if seconds > 0.0 else 'earlier'
     words = f'the probes begin and end {abs(seconds):.3g} s {side} than the load'
     assert (words in notes) == is_doubtful
+
+
+@pytest.mark.parametrize('probe', range(4))
+def test_one_probe_of_another_clock_is_noted_and_no_cable_nor_elevation_is_blamed(
+        tmp_path, campaign, probe):
+    """Probes of the shipped bags are recorded for two periods before and after the load."""
+    bag, = campaign(runs=['dynamic_50_fast'])
+    raw, topic = read_raw(bag), PROBE_TOPICS[probe]
+    late = {name: raw[name].stamps + 500_000_000 * (name == topic) for name in PROBE_TOPICS}
+    write_bag(tmp_path / 'bag', TestMetadata('dynamic', 50.0), raw[LOAD_TOPIC].stamps,
+              raw[LOAD_TOPIC].values, list(late.values()),
+              [raw[name].values for name in PROBE_TOPICS], RIG.probes)
+    notes = bag_info(tmp_path / 'bag').notes
+    assert f'{topic}: begins and ends 0.5 s later than the load' in ' '.join(notes)
+    assert not [note for note in notes if 'swapped' in note or 'elevation' in note]
+
+
+def test_a_late_probe_that_would_mirror_another_is_not_taken_for_swapped_channels():
+    late = np.interp(TIME - 0.5, TIME, RAMP)
+    motion = 4e-10 * np.array([RAMP, 0.9 * RAMP, -late, -RAMP])
+    noise = np.random.default_rng(0).normal(0.0, 3e-7, motion.shape)
+    found = wiring_findings(RIG, 0.0, RAMP, 1e-3 + motion + noise)
+    assert 'swapped' not in ' '.join(map(str, found))
 
 
 def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, recording):
