@@ -90,7 +90,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_displacement')
         self._watch = ElevationWatch(self)
-        self._arrived, self._awaited, self._zero_stamp = 0.0, 0, 0
+        self._arrived, self._awaited, self._zero_stamp, self._told_rows = 0.0, 0, 0, 0
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings['displaced_frame_id']
@@ -187,6 +187,9 @@ class RingDisplacementNode(streaming_node.StreamingNode):
             self._rig, self._stream.elevation, since_zero[:, 0], since_zero[:, 1:].T)
         if wrong:
             return TaskStatus(WARN, '; '.join(map(str, wrong)))
+        rows, self._told_rows = self._stream.rows - self._told_rows, self._stream.rows
+        if not rows and not missing:
+            return TaskStatus(OK, 'no readings in this period')
         if not missing:
             return TaskStatus(OK, 'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '

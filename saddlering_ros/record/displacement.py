@@ -189,7 +189,7 @@ class DisplacementStream:
         self._asked_after = stamp
 
     def take_missing(self) -> list[int]:
-        """Rows without a reading (or a zero) of each of four probes since the last call."""
+        """Rows without a reading of each of four probes since the last call."""
         missing, self._missing = self._missing, np.zeros(4, np.int64)
         return [int(count) for count in missing]
 
@@ -253,7 +253,9 @@ class DisplacementStream:
                 continue
             self.rows += len(rows)
             self.load = float(rows.loads[-1])
-            if np.count_nonzero(np.isnan(rows.gaps)):
+            is_missing = np.isnan(rows.gaps)
+            if np.count_nonzero(is_missing):
+                self._missing += is_missing.sum(axis=1)
                 rows = rows.pick(a_pair_reads(rows.gaps))
             for stretch in self._of_one_zero(rows) if len(rows) else ():
                 measured.append(self._measured(stretch))
@@ -290,9 +292,6 @@ class DisplacementStream:
             if guard.bridges:
                 bridged = guard.marks(rows.stamps)
                 marks = bridged if marks is None else marks | bridged
-        is_missing = np.isnan(rows.gaps)
-        if np.count_nonzero(is_missing):
-            self._missing += is_missing.sum(axis=1)
         return displacements(self._rig, self.zero, rows.stamps, rows.gaps, marks, self.elevation)
 
     def _after_zero(self, rows: AlignedRows) -> AlignedRows:

@@ -1,5 +1,7 @@
 """A probe that does not read costs the channels that need it, and no other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,16 @@ def test_a_probe_whose_burst_comes_later_than_those_of_the_others_is_not_silent(
     assert len(found) == len(record.stamps) - 1
     assert set(found.validity.tolist()) == {0}
     assert not any(stream.take_missing())
+
+
+def test_each_of_two_probes_whose_death_leaves_no_channel_is_missing(record) -> None:
+    stream, _ = measured(record)
+    newest = int(record.stamps[-1])
+    after = Samples(2 * newest - int(record.stamps[0]) + 2_000_000 * np.arange(1, 3000),
+                    np.full(2999, RIG.preload))
+    stream.push(after, [replace(after, values=np.full(2999, 1e-3)) if probe in (2, 3) else
+                        no_samples() for probe in range(4)])
+    assert [count > 0 for count in stream.take_missing()] == [True, True, False, False]
 
 
 def test_rows_of_a_probe_that_died_before_the_end_come_when_nothing_more_does(record) -> None:

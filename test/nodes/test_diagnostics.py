@@ -117,10 +117,22 @@ def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() ->
                            ([0] * 4, 'probe 2 did not read at the zero, delta_y and gamma unknown')
                            ):
         node: Any = SimpleNamespace(
-            _rig=default_rig(), _since_zero=diagnostics.Kept(), _stream=SimpleNamespace(
-                take_missing=lambda missing=missing: missing, zero=zero))
+            _rig=default_rig(), _since_zero=diagnostics.Kept(), _told_rows=0,
+            _stream=SimpleNamespace(take_missing=lambda missing=missing: missing, zero=zero,
+                                    rows=9))
         found = RingDisplacementNode._probes_status(node)
         assert (found.level, found.words.partition(':')[0]) == (ERROR, words)
+
+
+def test_no_probe_is_said_to_read_before_the_first_reading_or_after_the_last() -> None:
+    node: Any = SimpleNamespace(
+        _rig=default_rig(), _since_zero=diagnostics.Kept(), _told_rows=0,
+        _stream=SimpleNamespace(take_missing=lambda: [0] * 4, zero=None, rows=0))
+    words = []
+    for node._stream.rows in (0, 9, 18, 18):
+        words.append(RingDisplacementNode._probes_status(node).words)
+    assert words == ['no readings in this period', *['all four read'] * 2,
+                     'no readings in this period']
 
 
 @pytest.mark.ros
