@@ -21,9 +21,9 @@ from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import geometry, Rig
 
 UNHEARD_AFTER = 0.15
-"""Time [s] for which a node must have received nothing of a probe before the stamps of the others
-count as its silence. A publisher that had no processor sends what was due in one burst, and may be
-interrupted between two probes: the stamps of one are then far ahead of those of the other."""
+"""Time [s] for which a node must have received no sound reading of a probe before the stamps of
+the others count as its silence. A publisher that had no processor sends what was due in one burst,
+and may be interrupted between two probes: the stamps of one are then far ahead of the other's."""
 
 LONGEST_LOOK = 0.05
 """Longest time [s] between two batches that counts: the node itself may have had no processor."""
@@ -211,14 +211,13 @@ class DisplacementStream:
             other = gaps[probes.partner_row]
             mirrored = replace(other, values=geometry.mirrored_gap(probes, other.values))
             gaps = [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
+        gaps = [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]
         if now is not None:
             waited = self._unheard + min(now - self._heard, LONGEST_LOOK)
             self._unheard, self._heard = np.where([len(one) for one in gaps], 0.0, waited), now
         is_silent = self._unheard >= UNHEARD_AFTER if now is not None else np.full(4, True)
         self.aligner.hurries = (is_silent & (self.zero is not None)).tolist()
-        return self._displacements(self.aligner.push(
-            self._load_guard.push(load),
-            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
+        return self._displacements(self.aligner.push(self._load_guard.push(load), gaps))
 
     def flush(self) -> Displacements:
         """Take the held samples after a time without data, and rows without a silent probe."""

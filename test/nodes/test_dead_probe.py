@@ -62,11 +62,12 @@ def test_a_probe_is_missing_as_long_as_it_does_not_read(record, probe, rows, val
     assert found.validity[-1] == min(validity)
 
 
+@pytest.mark.parametrize('refused', ['', 'in millimetres', 'not a number'])
 @pytest.mark.parametrize(('probe', 'missing'), [
     (0, NO_DELTA_X | NO_PARITY), (3, NO_DELTA_Y | NO_GAMMA)])
 def test_a_probe_that_falls_silent_holds_the_known_channels_back_for_no_longer_than_an_interlock(
-        record, probe: int, missing: int) -> None:
-    """0.3 s without a residual opens the interlock."""
+        record, probe: int, missing: int, refused: str) -> None:
+    """0.3 s without a residual opens the interlock. Readings that are refused are none."""
     start = int(record.stamps[0])
     stream, behind, now = DisplacementStream(RIG), [], 50.0
     for row in range(len(record.stamps)):
@@ -74,6 +75,9 @@ def test_a_probe_that_falls_silent_holds_the_known_channels_back_for_no_longer_t
         gaps = [Samples(np.array([start + 2 * (int(record.probe_stamps[place][row]) - start)]),
                         record.gaps[place][row:row + 1]) if place != probe or row < 900 else
                 no_samples() for place in range(4)]
+        if refused and row >= 900:
+            gaps[probe] = Samples(gaps[probe - 1].stamps, np.array(
+                [1.05 if refused == 'in millimetres' else np.nan]))
         now += 0.004
         found = stream.push(Samples(np.array([stamp]), record.load[row:row + 1]), gaps, now)
         if len(found):
