@@ -18,8 +18,9 @@ from scipy.optimize import lsq_linear
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES
 
-AT_BOUND = 1e-4
-"""Distance from a bound, as a share of the box, within which a point is on it."""
+AT_BOUND = 1e-3
+"""Distance from a bound, as a share of the range, within which a point is on it: half of the step
+of a sensitivity."""
 
 PERIODIC_REACH = 0.25
 """Largest step of a periodic coordinate, as a share of its period."""

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from saddlering_ros.discrepancy import Parameter
+from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.estimation import least_squares
 from saddlering_ros.estimation.least_squares import covariance, LazyAnswer, minimise, Rule
 from saddlering_ros.rig import TRUE_TO_SCALE
@@ -45,6 +47,14 @@ def test_a_bound_in_the_way_is_where_it_stops():
     found = minimise(at, np.array([0.5, 0.5]), LOW, np.array([1.0, 3.0]))
     assert found.point[0] == pytest.approx(1.0)
     assert found.at_bound.tolist() == [True, False]
+
+
+def test_a_bound_is_as_wide_in_an_identification_as_in_a_diagnosis():
+    """Parameters published after a diagnosis were determined where it took them for stopped."""
+    for place, is_stopped in ((0.0, True), (5e-4, True), (0.9996, True), (2e-3, False)):
+        point = LOW + place * (HIGH - LOW)
+        assert least_squares.on_bound(point, LOW, HIGH).all() == is_stopped
+        assert (bound_reached(Parameter(1.0, 3.0), place) is not None) == is_stopped
 
 
 def test_a_jump_of_the_misfit_near_the_start_is_approached():

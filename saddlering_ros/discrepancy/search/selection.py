@@ -32,6 +32,7 @@ from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.estimation.least_squares import AT_BOUND
 
 MAX_BASES = 3
 """Searches begun again about a better base. Chosen for cost: each is a whole search."""
@@ -339,7 +340,7 @@ def stopped_sizes(fit: Fit) -> list[tuple[Effect, float]]:
         size, theta_unit = effect.size, float(fit.theta_unit[part.start])
         value = size.from_unit(theta_unit)
         present = abs(value - effect.neutral) / (size.high - size.low)
-        if present > spaces.AT_BOUND and spaces.bound_reached(size, theta_unit) not in (
+        if present > AT_BOUND and spaces.bound_reached(size, theta_unit) not in (
                 None, size.whole):
             stopped.append((effect, value))
     return stopped

@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
 from saddlering_ros.discrepancy.search.signatures import ChangeScale, shapes_tried, Signature
+from saddlering_ros.estimation.least_squares import AT_BOUND
 from saddlering_ros.estimation.process import fisher_chance, fisher_limit
 
 COARSE_ROUNDS = 4
@@ -30,9 +31,6 @@ FULL_JACOBIANS = 2
 MIN_PAIRS = 12
 """Smallest number of degrees of freedom of the level, whatever the length of the stretches. With
 fewer, one short stretch at rest would leave nothing certain."""
-
-AT_BOUND = 1e-3
-"""Distance from a bound, as a share of the range: half of the step of a sensitivity."""
 
 MINOR = 0.1
 """Movement of a view, as a share of range and of the most that an effect moves, that is a side

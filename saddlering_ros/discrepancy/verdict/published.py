@@ -26,10 +26,10 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
-from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Residual, Shares
-from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.estimation.least_squares import AT_BOUND, covariance
 from saddlering_ros.quantities import quantity, WIDTH_95
 
 DRAWS = 400
