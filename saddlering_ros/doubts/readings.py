@@ -249,23 +249,27 @@ def clock_findings(
 
 
 def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
-    """A finding for all probes, or for each, that begin and end by the same time off the load."""
-    load = record[LOAD_TOPIC].stamps
-    limit = MAX_APART + 3.0 * float(np.median(np.diff(load))) * 1e-9
-    apart = {}
-    for name in PROBE_TOPICS:
-        begin, end = ((record[name].stamps[[0, -1]] - load[[0, -1]]) * 1e-9).tolist()
-        if name != absent and abs(end - begin) < limit < min(abs(begin), abs(end)):
-            apart[name] = 0.5 * (begin + end)
-    times = list(apart.values())
-    if len(times) == len(PROBE_TOPICS) - bool(absent) and max(times) - min(times) < limit:
-        apart = {'': float(np.median(times))}
-    return [Finding(
-        f'{"" if name else "the probes "}begin{"s" * bool(name)} and end{"s" * bool(name)} '
-        f'{abs(seconds):.2g} s {"later" if seconds > 0.0 else "earlier"} than the load: if all '
-        'were recorded together, the clocks differ by this time: correct the stamps, or '
-        f'{"the displacement, " * bool(name)}D1 and D2 are wrong', name)
-        for name, seconds in apart.items()]
+    """A finding for each topic stamped by another clock than others, or by one that was set."""
+    names, findings = [name for name in RIG_TOPICS if name != absent], []
+    ends = np.array([record[name].stamps[[0, -1]] for name in names])
+    apart = (ends - ends[0] - np.median(ends - ends[0], axis=0)) * 1e-9
+    for name, (begin, end) in zip(names, apart.tolist(), strict=True):
+        steps, change = np.diff(record[name].stamps) * 1e-9, end - begin
+        limit = MAX_APART + 3.0 * float(np.median(steps))
+        if abs(change) < limit < min(abs(begin), abs(end)):
+            # Of another clock than the four probes: they would be said to be early or late.
+            where, whom, late = (name, 'others', begin > 0.0) if name != LOAD_TOPIC else (
+                'the probes', 'load', begin < 0.0)
+            findings.append(Finding(
+                f'{where}: begin and end {abs(begin):.2g} s {"later" if late else "earlier"} than '
+                f'the {whom}: if all were recorded together, the clocks differ by this time: '
+                'correct the stamps, or D1 and D2 are wrong'))
+        elif change > limit > abs(float(steps.max()) - change):
+            findings.append(Finding(
+                f'stamps leap by {change:.2g} s, and end so much later than those of the others: '
+                'the clock was set meanwhile, and no sample is missing: correct the stamps or '
+                'repeat the test, or K, n and D are wrong', name))
+    return findings
 
 
 def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:

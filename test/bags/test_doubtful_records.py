@@ -113,7 +113,7 @@ def test_probes_stamped_by_another_clock_are_noted(tmp_path, recording, seconds,
         recording = recording.changed(topic, stamps=stamps)
     notes = ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
     side = 'later' if seconds > 0.0 else 'earlier'
-    words = f'the probes begin and end {abs(seconds):.3g} s {side} than the load'
+    words = f'the probes: begin and end {abs(seconds):.3g} s {side} than the load'
     assert (words in notes) == is_doubtful
 
 
@@ -128,8 +128,21 @@ def test_one_probe_of_another_clock_is_noted_and_no_cable_nor_elevation_is_blame
               raw[LOAD_TOPIC].values, list(late.values()),
               [raw[name].values for name in PROBE_TOPICS], RIG.probes)
     notes = bag_info(tmp_path / 'bag').notes
-    assert f'{topic}: begins and ends 0.5 s later than the load' in ' '.join(notes)
+    assert f'{topic}: begin and end 0.5 s later than the others' in ' '.join(notes)
     assert not [note for note in notes if 'swapped' in note or 'elevation' in note]
+
+
+@pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE_TOPICS[1]])
+def test_a_clock_that_is_set_during_the_test_is_told_from_lost_samples(
+        tmp_path, recording, topic):
+    stamps, values = recording.stamps[topic], recording.values[topic]
+    set_ahead = stamps + 300_000_000 * (np.arange(len(stamps)) > 400)
+    lost = np.delete(np.arange(len(stamps)), np.s_[400:550])
+    for found, is_set in ((recording.changed(topic, set_ahead), True),
+                          (recording.changed(topic, stamps[lost], values[lost]), False)):
+        notes = ' '.join(bag_info(found.write(tmp_path / str(is_set))).notes)
+        assert (f'{topic}: stamps leap by 0.3 s, and end so much later' in notes) == is_set
+        assert '1 gap in the stamps' in notes
 
 
 def test_a_late_probe_that_would_mirror_another_is_not_taken_for_swapped_channels():
