@@ -68,6 +68,13 @@ def test_the_form_error_counts_in_every_amplitude() -> None:
         'moment': 0.2, 'force': 0.2, 'sharpness': 0.01}
 
 
+def test_a_limit_of_a_hundredth_of_the_one_that_cuts_nothing_off_errs_by_its_own_share() -> None:
+    """A limit of 110 µm was published with a deviation of 44 µm."""
+    cut = Effect('cut', {'limit': Parameter(2.0, 1000.0, neutral=1000.0, scale='log')})
+    told = with_form_error(cut, {'limit': Estimate(110.0, 0.3, '')}, 0.05)
+    assert told['limit'].std == pytest.approx(5.5, rel=0.01)
+
+
 class Imitated(System):
     """A slope, and a nuisance parameter with a wave and a narrow peak in its column."""
 

@@ -233,12 +233,15 @@ def with_form_error(
 ) -> dict[str, Estimate]:
     """Parameters of an effect, with its form error in the deviation of every amplitude.
 
-    size_error: share of an amplitude by which other errors of the machine bend it.
+    size_error: share of an amplitude by which other errors of the machine bend it. A limit that is
+    cut off nowhere at its neutral value errs by a share of its value.
     """
     sizes, nothing = dict(sizes), {one.name: one.neutral for one in effect.ordered}
     nothing[effect.size.name] = effect.neutral
-    for name, neutral in nothing.items():
+    for one in effect.ordered:
+        name, neutral = one.name, nothing[one.name]
         if neutral is not None:
+            neutral = 0.0 if one.scale == 'log' else neutral
             error = np.hypot(effect.form, size_error) * (sizes[name].value - neutral)
             sizes[name] = replace(sizes[name], std=float(np.hypot(sizes[name].std, error)))
     return sizes
