@@ -272,6 +272,24 @@ def _load_grid(
         load_noise=white_noise(load) / np.sqrt([stop - start for start, stop, _ in blocks.spans]))
 
 
+STILL_SHARE, PASSING_SHARE = 0.01, 0.05
+"""Share of a probe's motion within which it stands still at an end of it, and the share of the
+load's range that passes meanwhile: of a sound ring 2 % at most."""
+
+
+def standing_ends(runs: Sequence[RunBlocks], rig: Rig) -> list[tuple[int, float]]:
+    """Probes that stand still at an end of their motion while the load moves, and this end [m]."""
+    channels = np.hstack([run.channels for run in runs])
+    load = np.concatenate([run.inputs['load'] for run in runs])
+    ends = []
+    for number, own in zip(rig.probes.present, channels, strict=True):
+        for end in (float(own.min()), float(own.max())):
+            there = load[np.abs(own - end) < STILL_SHARE * np.ptp(own)]
+            if np.ptp(there) > PASSING_SHARE * np.ptp(load):
+                ends.append((number, end))
+    return ends
+
+
 def smooth_rate(load: Array, time: Array) -> Array:
     """Change of a load (N,) per second, as a running mean over 0.1 s."""
     size = max(1, round(0.1 / float(np.median(np.diff(time)))))

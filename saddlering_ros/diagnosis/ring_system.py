@@ -109,13 +109,15 @@ class RingSystem:
 
     bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
     differs from the file; raceways: waves that are known; directions: combinations of their
-    amplitudes (unit vectors), of which the sizes are base parameters beside the contact law.
+    amplitudes (unit vectors), of which the sizes are base parameters beside the contact law; ends:
+    probes and increments [m] at which these stand still in the runs.
     """
 
     rig: Rig
     bounds_rig: Rig | None = None
     raceways: Raceways = ()
     directions: Raceways = ()
+    ends: Sequence[tuple[int, float]] = ()
     _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -150,7 +152,7 @@ class RingSystem:
     def effects(self) -> tuple[Effect, ...]:
         return tuple(one for effect in catalogue_of_effects.catalogue().values()
                      if not (self.directions and isinstance(effect, OvalGap))
-                     for one in engine_effects(effect, self.rig))
+                     for one in engine_effects(effect, self.rig, self.ends))
 
     @cached_property
     def inputs(self) -> tuple[Effect, ...]:
@@ -373,7 +375,9 @@ class RingSystem:
         return self._kept[key]
 
 
-def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[Effect, ...]:
+def engine_effects(
+    effect: catalogue_of_effects.RingEffect, rig: Rig, ends: Sequence[tuple[int, float]] = (),
+) -> tuple[Effect, ...]:
     """A ring effect as an engine effect, and its wider forms, which free more parameters.
 
     The variants of each have the same parameters, of which the amplitude comes first.
@@ -400,7 +404,8 @@ def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[E
             variants=tuple(dict(item.values) for item in effect.variants[:stop]),
             starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
             line=tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes),
-            form=effect.form, id=effect.id, first_variant=first, contains=variant.contains))
+            form=effect.form, id=effect.id, first_variant=first, contains=variant.contains,
+            told=effect.told_by(ends)))
     return tuple(effects)
 
 

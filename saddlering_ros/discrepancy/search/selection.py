@@ -154,14 +154,14 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """An effect that the base fit conceals and that fits better than a `fit` with misfit.
 
-    Silent effects are tried. If the base may have several minima and `fit` leaves more of its
-    misfit than an established cause may, all effects are tried: the base alone can be in a minimum
-    from which no path leads to the true one.
+    Effects of told sizes and silent ones are tried. If the base may have several minima and `fit`
+    leaves more of its misfit than an established cause may, all effects are tried: the base alone
+    can be in a minimum from which no path leads to the true one.
     """
     if not space.leaves_misfit(fit):
         return fit
     silent = valleys.silent_effects(space.signatures)
-    singles = valleys.fit_from_all_over(space, silent)
+    singles = valleys.fit_at_told_sizes(space) + valleys.fit_from_all_over(space, silent)
     best = min([fit, *singles], key=space.penalised)
     left, whole = (space.slow_residual(one).excess for one in (best, space.base))
     is_far = space.problem.assumptions.many_valleys and left > valleys.MAX_LEFT * whole

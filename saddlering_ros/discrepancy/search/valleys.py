@@ -68,6 +68,25 @@ def fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) 
     return sorted(single_fits, key=space.penalised)
 
 
+def fit_at_told_sizes(space: ModelSpace) -> list[Fit]:
+    """Each effect whose size the data tell, fitted after the base has been, beside that size.
+
+    The base begins at its declared start: a base that imitates the effect would lead the size
+    into its valley.
+    """
+    system, single_fits = space.problem.system, []
+    base = fitting.declared_start(system.base_parameters)
+    for effect in system.effects:
+        for variant, size in effect.told:
+            candidate = Candidate(((effect, variant),))
+            start = [effect.size.to_unit(size), *(one.first_guess for one in effect.ordered[1:])]
+            begun = run_refits(space.metric, [refit(
+                space.metric, candidate, np.concatenate([base, start]), rounds=0)])
+            single_fits += _refined(space, [fitting.refit_base(
+                space.metric, begun[0], candidate.ids, space.settings.rounds)])
+    return single_fits
+
+
 def _refined(space: ModelSpace, fits: Sequence[Fit]) -> list[Fit]:
     """The best of several fits of one candidate, refined, if none is known that is as good."""
     best = min(fits, key=lambda fit: fit.misfit, default=None)
