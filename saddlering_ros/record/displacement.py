@@ -167,7 +167,7 @@ class DisplacementStream:
                         else GuardCounters()) for number in (1, 2, 3, 4)]
         self.elevation = float('nan')
         self.recording = batches.ANY_TIME
-        self._missing = np.zeros(4, np.int64)
+        self._missing = np.zeros((2, 5), np.int64)  # without and with a pair: rows, probes' NaN
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
@@ -189,9 +189,12 @@ class DisplacementStream:
         self._asked_after = stamp
 
     def take_missing(self) -> list[int]:
-        """Rows without a reading of each of four probes since the last call."""
-        missing, self._missing = self._missing, np.zeros(4, np.int64)
-        return [int(count) for count in missing]
+        """Rows without a reading of each of four probes since the last call.
+
+        Rows at which no pair reads count if no other came, and not between two stretches.
+        """
+        missing, self._missing = self._missing, np.zeros((2, 5), np.int64)
+        return [int(count) for count in missing[int(missing[1, 0] > 0), 1:]]
 
     def events(self) -> dict[str, int]:
         """Counts of the guard and of the aligner by name; counts of both are added."""
@@ -252,10 +255,14 @@ class DisplacementStream:
                 continue
             self.rows += len(rows)
             self.load = float(rows.loads[-1])
-            is_missing = np.isnan(rows.gaps)
-            if np.count_nonzero(is_missing):
-                self._missing += is_missing.sum(axis=1)
-                rows = rows.pick(a_pair_reads(rows.gaps))
+            if np.count_nonzero(np.isnan(rows.gaps)):
+                reads = a_pair_reads(rows.gaps)
+                for row, is_of_row in enumerate((~reads, reads)):
+                    self._missing[row, 0] += np.count_nonzero(is_of_row)
+                    self._missing[row, 1:] += np.isnan(rows.gaps[:, is_of_row]).sum(axis=1)
+                rows = rows.pick(reads)
+            else:
+                self._missing[1, 0] += len(rows)
             for stretch in self._of_one_zero(rows) if len(rows) else ():
                 measured.append(self._measured(stretch))
         return batches.join(measured)

@@ -124,12 +124,23 @@ def test_a_probe_whose_burst_comes_later_than_those_of_the_others_is_not_silent(
 
 def test_each_of_two_probes_whose_death_leaves_no_channel_is_missing(record) -> None:
     stream, _ = measured(record)
+    stream.take_missing()
     newest = int(record.stamps[-1])
     after = Samples(2 * newest - int(record.stamps[0]) + 2_000_000 * np.arange(1, 3000),
                     np.full(2999, RIG.preload))
     stream.push(after, [replace(after, values=np.full(2999, 1e-3)) if probe in (2, 3) else
                         no_samples() for probe in range(4)])
     assert [count > 0 for count in stream.take_missing()] == [True, True, False, False]
+
+
+def test_no_probe_is_missing_at_the_one_load_between_two_stretches(record) -> None:
+    """As where a node that was inactive for more than a second hears the load first again."""
+    stream, found = measured(record)
+    stamps = int(found.stamps[-1]) + 1_500_000_000 + 2_000_000 * np.arange(200)
+    again = [Samples(stamps + 1_000_000, gap[:200]) for gap in record.gaps]
+    stream.push(Samples(stamps, record.load[:200]), [no_samples()] * 4)
+    stream.push(no_samples(), again)
+    assert not any(stream.take_missing())
 
 
 def test_rows_of_a_probe_that_died_before_the_end_come_when_nothing_more_does(record) -> None:
