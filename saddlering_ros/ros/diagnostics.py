@@ -68,13 +68,14 @@ class StreamTask(Kept):
     A gap is an interval over GAP_FLOOR_NS and over GAP_PERIODS times the median interval: of the
     period if it has enough, else of those before. A step back is a message late, or a jump.
     Stamps that are not set are left out. delay: from stamp to arrival in the last period [s].
+    source: the name of the topic after a remapping or in a namespace.
     """
 
     NONE = np.empty(0, np.int64)
 
     def __init__(self, topic: str, *, lowest_rate: float = 0.0) -> None:
         super().__init__()
-        self.topic, self.name = topic, f'stream {topic}'
+        self.topic, self.source, self.name = topic, topic, f'stream {topic}'
         self.lowest_rate = lowest_rate
         self.delay = math.nan
         self._arrivals: list[int] = []
@@ -117,7 +118,8 @@ class StreamTask(Kept):
             'longest gap of this period [s]': f'{longest:.4g}'}
         level, words = WARN, f'{rate:.0f} messages a second'
         if not len(stamps):
-            level, words = STALE, 'no messages' if self.total else 'nothing received yet'
+            where = '' if self.source == self.topic else f' on {self.source}'
+            level, words = STALE, f'{"no messages" if self.total else "nothing received yet"}{where}'
         elif len(long):
             words = f'{len(long)} gaps in the stamps, longest {longest:.3g} s'
         elif late:
@@ -142,7 +144,7 @@ class SilentStreams:
 
     def review(self, found: Iterable[tuple[Task, TaskStatus]]) -> None:
         """Log what the statuses of a period change."""
-        silent = {task.topic: status.level == STALE for task, status in found
+        silent = {task.source: status.level == STALE for task, status in found
                   if isinstance(task, StreamTask) and task.total}
         if all(silent.values()):  # The test is over, or not begun; a silence that was told stays.
             self._periods = {topic: periods for topic, periods in self._periods.items()

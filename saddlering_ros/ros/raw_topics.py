@@ -116,6 +116,8 @@ class RawSubscription:
         self._automatic, self._task = reliability == 'auto', task
         self._group = _Drained()
         self.topic = node.resolve_topic_name(topic)
+        if task is not None:
+            task.source = self.topic
         self.reliable = reliability != 'best_effort'
         self.received = self.malformed = self.last_stamp = 0
         self.newest = b''

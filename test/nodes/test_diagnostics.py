@@ -216,6 +216,17 @@ def test_a_publisher_that_a_node_cannot_hear_is_told_once_in_its_log_and_on_diag
     assert logged == ([words] if words else [])
 
 
+def test_a_topic_of_another_name_that_is_not_heard_is_told_with_that_name() -> None:
+    """A node told '/rig/hydraulic_load: nothing received yet' where it read /daq/load."""
+    node: Any = SimpleNamespace(
+        resolve_topic_name=lambda name: '/daq/load', create_subscription=lambda *_, **options:
+        SimpleNamespace(handle=None))
+    task = StreamTask('/rig/hydraulic_load')
+    assert task.report(1.0).words == 'nothing received yet'
+    RawSubscription(node, 'rig/hydraulic_load', WrenchStamped, task=task)
+    assert task.report(1.0).words == 'nothing received yet on /daq/load'
+
+
 def test_a_stream_that_falls_silent_beside_others_is_told_once_in_the_log_and_so_is_its_return(
 ) -> None:
     logged: list[str] = []
