@@ -273,21 +273,18 @@ def _load_grid(
 
 
 STILL_SHARE, PASSING_SHARE = 0.01, 0.05
-"""Share of a probe's motion within which it stands still at an end of it, and the share of the
-load's range that passes meanwhile: of a sound ring 2 % at most."""
+"""Share of a probe's motion in which it stands still at an end, and of the load's that passes."""
 
 
-def standing_ends(runs: Sequence[RunBlocks], rig: Rig) -> list[tuple[int, float]]:
-    """Probes that stand still at an end of their motion while the load moves, and this end [m]."""
+def cut_off_probes(runs: Sequence[RunBlocks], rig: Rig) -> list[tuple[str, int, float]]:
+    """Variants and limits [m] of `probe_saturation` at which probes stand still under load."""
     channels = np.hstack([run.channels for run in runs])
     load = np.concatenate([run.inputs['load'] for run in runs])
-    ends = []
-    for number, own in zip(rig.probes.present, channels, strict=True):
-        for end in (float(own.min()), float(own.max())):
-            there = load[np.abs(own - end) < STILL_SHARE * np.ptp(own)]
-            if np.ptp(there) > PASSING_SHARE * np.ptp(load):
-                ends.append((number, end))
-    return ends
+    return [('probe_saturation', number - 1 + 4 * int(end < 0.0), float(abs(end)))
+            for number, own in zip(rig.probes.present, channels, strict=True)
+            for end in (own.min(), own.max())
+            if np.ptp(load[np.abs(own - end) < STILL_SHARE * np.ptp(own)])
+            > PASSING_SHARE * np.ptp(load)]
 
 
 def smooth_rate(load: Array, time: Array) -> Array:

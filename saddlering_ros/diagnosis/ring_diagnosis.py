@@ -67,7 +67,7 @@ def diagnose_ring(
     start = None
     if parameters is not None:
         start = dict(zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
-    system = RingSystem(rig, ends=prepared.standing_ends(fitted, rig))
+    system = RingSystem(rig, told=prepared.cut_off_probes(fitted, rig))
     diagnose = partial(
         discrepancy.diagnose, runs=fitted,
         hold_out=[record.run for record in records if record.run.held_out],

@@ -109,15 +109,15 @@ class RingSystem:
 
     bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
     differs from the file; raceways: waves that are known; directions: combinations of their
-    amplitudes (unit vectors), of which the sizes are base parameters beside the contact law; ends:
-    probes and increments [m] at which these stand still in the runs.
+    amplitudes (unit vectors), of which the sizes are base parameters beside the contact law; told:
+    effects, variants and sizes that the runs show by themselves.
     """
 
     rig: Rig
     bounds_rig: Rig | None = None
     raceways: Raceways = ()
     directions: Raceways = ()
-    ends: Sequence[tuple[int, float]] = ()
+    told: Sequence[tuple[str, int, float]] = ()
     _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -152,7 +152,7 @@ class RingSystem:
     def effects(self) -> tuple[Effect, ...]:
         return tuple(one for effect in catalogue_of_effects.catalogue().values()
                      if not (self.directions and isinstance(effect, OvalGap))
-                     for one in engine_effects(effect, self.rig, self.ends))
+                     for one in engine_effects(effect, self.rig))
 
     @cached_property
     def inputs(self) -> tuple[Effect, ...]:
@@ -375,9 +375,7 @@ class RingSystem:
         return self._kept[key]
 
 
-def engine_effects(
-    effect: catalogue_of_effects.RingEffect, rig: Rig, ends: Sequence[tuple[int, float]] = (),
-) -> tuple[Effect, ...]:
+def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[Effect, ...]:
     """A ring effect as an engine effect, and its wider forms, which free more parameters.
 
     The variants of each have the same parameters, of which the amplitude comes first.
@@ -404,8 +402,7 @@ def engine_effects(
             variants=tuple(dict(item.values) for item in effect.variants[:stop]),
             starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
             line=tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes),
-            form=effect.form, id=effect.id, first_variant=first, contains=variant.contains,
-            told=effect.told_by(ends)))
+            form=effect.form, id=effect.id, first_variant=first, contains=variant.contains))
     return tuple(effects)
 
 

@@ -4,7 +4,7 @@ The `outcomes` of an effect hold the result of these tests, by their id, if that
 cause: a noun with its clause. A test without an entry has the outcome of most effects.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 from typing import Any, ClassVar
@@ -172,10 +172,6 @@ class RingEffect:
                 changed[item.adds_to] = (at_probe(before, round(values['probe']), value)
                                          if isinstance(before, tuple) else before + value)
         return replace(extension, **changed)
-
-    def told_by(self, ends: Sequence[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
-        """Variants and sizes told by probes and increments [m] at which these stand still."""
-        return ()
 
     def slewed(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values after the ring is turned by a quarter; the same where nothing turns with it."""

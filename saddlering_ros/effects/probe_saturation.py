@@ -1,6 +1,6 @@
 """A probe at the end of its span: d_i clipped at a limit."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -28,9 +28,6 @@ class ProbeSaturation(ProbeEffect):
     choices = (*ProbeEffect.choices,
                Choice('side', (1.0, -1.0), '1 increasing readings, -1 decreasing ones'))
     starts = tuple({'limit': limit} for limit in (2e-5, 4e-5, 8e-5, 1.2e-4, 1.6e-4, 2e-4))
-
-    def told_by(self, ends: Sequence[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
-        return tuple((probe - 1 + 4 * (end < 0.0), abs(end)) for probe, end in ends)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         name = 'saturation_high' if values['side'] > 0.0 else 'saturation_low'

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags.reader import read_run
-from saddlering_ros.diagnosis.records import build_record, standing_ends
+from saddlering_ros.diagnosis.records import build_record, cut_off_probes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Problem
 from saddlering_ros.discrepancy.search.space import prepare
@@ -31,8 +31,8 @@ def cut_off(name: str) -> Record:
 def test_a_probe_that_stands_still_while_the_load_moves_tells_its_limit() -> None:
     rig = default_rig()
     for run, count in ((cut_off('static_50'), 1), (read_run(BAGS / 'static_50'), 0)):
-        told = standing_ends([build_record(rig, run, held_out=False).run], rig)
-        assert told == [(2, pytest.approx(LIMIT, abs=0.3e-6))] * count
+        told = cut_off_probes([build_record(rig, run, held_out=False).run], rig)
+        assert told == [('probe_saturation', 1, pytest.approx(LIMIT, abs=0.3e-6))] * count
 
 
 def test_beside_its_limit_the_base_leaves_the_valley_in_which_it_imitates_the_cut() -> None:
@@ -41,7 +41,7 @@ def test_beside_its_limit_the_base_leaves_the_valley_in_which_it_imitates_the_cu
     runs = [build_record(rig, cut_off(name), held_out=False).run
             for name in ('static_50', 'dynamic_50')]
     with few_effects('probe_saturation'):
-        space = prepare(Problem(RingSystem(rig, ends=standing_ends(runs, rig)), runs))
+        space = prepare(Problem(RingSystem(rig, told=cut_off_probes(runs, rig)), runs))
         told, = fit_at_told_sizes(space)
     assert told.misfit < 0.2 * space.base.misfit
     effect, _, part = told.parts[0]

@@ -170,8 +170,7 @@ class Effect:
 
     `variants`: discrete choices of one cause, such as which of four sensors; each is a set of
     fixed values beside the fitted ones. `starts`: first guesses for the screening (default:
-    several sizes and shapes between the bounds). `told`: sizes that the data themselves tell, each
-    with the variant that it is of.
+    several sizes and shapes between the bounds).
 
     `line`: the channels of each variant of a steady line, which is searched in stretches at
     rest and not fitted; its parameters are cosine, sine and frequency [Hz].
@@ -195,7 +194,6 @@ class Effect:
     id: str = ''
     first_variant: int = 0
     contains: tuple[str, ...] = ()
-    told: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not is_name(self.title):

@@ -154,9 +154,9 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """An effect that the base fit conceals and that fits better than a `fit` with misfit.
 
-    Effects of told sizes and silent ones are tried. If the base may have several minima and `fit`
-    leaves more of its misfit than an established cause may, all effects are tried: the base alone
-    can be in a minimum from which no path leads to the true one.
+    Told and silent effects are tried. If the base may have several minima and `fit` leaves more of
+    its misfit than an established cause may, all effects are tried: the base alone can be in a
+    minimum from which no path leads to the true one.
     """
     if not space.leaves_misfit(fit):
         return fit
@@ -340,8 +340,7 @@ def stopped_sizes(fit: Fit) -> list[tuple[Effect, float]]:
         size, theta_unit = effect.size, float(fit.theta_unit[part.start])
         value = size.from_unit(theta_unit)
         present = abs(value - effect.neutral) / (size.high - size.low)
-        if present > AT_BOUND and spaces.bound_reached(size, theta_unit) not in (
-                None, size.whole):
+        if present > AT_BOUND and spaces.bound_reached(size, theta_unit) not in (None, size.whole):
             stopped.append((effect, value))
     return stopped
 

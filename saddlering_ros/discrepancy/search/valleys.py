@@ -69,21 +69,20 @@ def fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) 
 
 
 def fit_at_told_sizes(space: ModelSpace) -> list[Fit]:
-    """Each effect whose size the data tell, fitted after the base has been, beside that size.
+    """Effects whose sizes the system tells by its data, fitted after the base beside that size.
 
     The base begins at its declared start: a base that imitates the effect would lead the size
     into its valley.
     """
     system, single_fits = space.problem.system, []
-    base = fitting.declared_start(system.base_parameters)
-    for effect in system.effects:
-        for variant, size in effect.told:
-            candidate = Candidate(((effect, variant),))
-            start = [effect.size.to_unit(size), *(one.first_guess for one in effect.ordered[1:])]
+    for name, variant, size in getattr(system, 'told', ()):
+        for effect in (one for one in system.effects if one.id == name):
             begun = run_refits(space.metric, [refit(
-                space.metric, candidate, np.concatenate([base, start]), rounds=0)])
+                space.metric, Candidate(((effect, variant),)), np.concatenate([
+                    fitting.declared_start(system.base_parameters), [effect.size.to_unit(size)],
+                    [one.first_guess for one in effect.ordered[1:]]]), rounds=0)])
             single_fits += _refined(space, [fitting.refit_base(
-                space.metric, begun[0], candidate.ids, space.settings.rounds)])
+                space.metric, begun[0], [name], space.settings.rounds)])
     return single_fits
 
 

@@ -236,14 +236,13 @@ def with_form_error(
     size_error: share of an amplitude by which other errors of the machine bend it. A limit that is
     cut off nowhere at its neutral value errs by a share of its value.
     """
-    sizes, nothing = dict(sizes), {one.name: one.neutral for one in effect.ordered}
-    nothing[effect.size.name] = effect.neutral
+    sizes = dict(sizes)
     for one in effect.ordered:
-        name, neutral = one.name, nothing[one.name]
+        neutral, size = effect.neutral if one is effect.size else one.neutral, sizes[one.name]
         if neutral is not None:
-            neutral = 0.0 if one.scale == 'log' else neutral
-            error = np.hypot(effect.form, size_error) * (sizes[name].value - neutral)
-            sizes[name] = replace(sizes[name], std=float(np.hypot(sizes[name].std, error)))
+            error = np.hypot(effect.form, size_error) * (
+                size.value - (0.0 if one.scale == 'log' else neutral))
+            sizes[one.name] = replace(size, std=float(np.hypot(size.std, error)))
     return sizes
 
 
