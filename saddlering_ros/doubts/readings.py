@@ -80,7 +80,8 @@ def check_load_unit(where: str, load: Floats, limits: LoadLimits) -> None:
     low, high = map(float, extremes(load))
     shown = f'the load runs from {low:.4g} to {high:.4g} N'
     if -low > max(high, limits.negative_max):
-        raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
+        raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive '
+                       '(in a map of an import: polarity: -1)')
     if high < limits.unit_min:
         if low == high:
             raise BagError(f'{where}: the load is {high:.4g} N throughout: check the load cell')
@@ -257,13 +258,10 @@ def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
         steps, change = np.diff(record[name].stamps) * 1e-9, end - begin
         limit = MAX_APART + 3.0 * float(np.median(steps))
         if abs(change) < limit < min(abs(begin), abs(end)):
-            # Of another clock than the four probes: they would be said to be early or late.
-            where, whom, late = (name, 'others', begin > 0.0) if name != LOAD_TOPIC else (
-                'the probes', 'load', begin < 0.0)
             findings.append(Finding(
-                f'{where}: begin and end {abs(begin):.2g} s {"later" if late else "earlier"} than '
-                f'the {whom}: if all were recorded together, the clocks differ by this time: '
-                'correct the stamps, or D1 and D2 are wrong'))
+                f'begins and ends {abs(begin):.2g} s {"later" if begin > 0.0 else "earlier"} than '
+                'the others: if all were recorded together, the clocks differ by this time: '
+                'correct the stamps, or D1 and D2 are wrong', name))
         elif change > limit > abs(float(steps.max()) - change):
             findings.append(Finding(
                 f'stamps leap by {change:.2g} s, and end so much later than those of the others: '

@@ -118,8 +118,7 @@ def _mirrored(increments: Floats, slope: Floats) -> list[Finding]:
     unlikeness = {
         (first, second): float(np.sqrt(np.mean((around[first] + around[second]) ** 2))) / max(
             float(np.sqrt(np.mean((around[first] - around[second]) ** 2))), 1e-12)
-        for first, second in combinations(range(4), 2)}
-    del unlikeness[0, 2]
+        for first, second in combinations(range(4), 2) if (first, second) != (0, 2)}
     one, _, other, _ = (np.sign(slope) * around.std(axis=1)).tolist()
     opposite = abs(one + other) / max(abs(one - other), 1e-12)
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:

@@ -167,7 +167,7 @@ class DisplacementStream:
                         else GuardCounters()) for number in (1, 2, 3, 4)]
         self.elevation = float('nan')
         self.recording = batches.ANY_TIME
-        self._missing = np.zeros((2, 5), np.int64)  # without and with a pair: rows, probes' NaN
+        self._missing, self._has_read = np.zeros((2, 4), np.int64), False  # without, with a pair
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
@@ -193,8 +193,9 @@ class DisplacementStream:
 
         Rows at which no pair reads count if no other came, and not between two stretches.
         """
-        missing, self._missing = self._missing, np.zeros((2, 5), np.int64)
-        return [int(count) for count in missing[int(missing[1, 0] > 0), 1:]]
+        missing = self._missing[int(self._has_read)].tolist()
+        self._missing, self._has_read = np.zeros((2, 4), np.int64), False
+        return missing
 
     def events(self) -> dict[str, int]:
         """Counts of the guard and of the aligner by name; counts of both are added."""
@@ -249,20 +250,17 @@ class DisplacementStream:
     def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
         measured, self.aligned = [], aligned
         for batch in aligned:
-            all_given = np.count_nonzero(batch.given) == len(batch)
-            rows = batch if all_given else batch.pick(batch.published)
+            rows = batch if batch.given.all() else batch.pick(batch.published)
             if not len(rows):
                 continue
             self.rows += len(rows)
             self.load = float(rows.loads[-1])
-            if np.count_nonzero(np.isnan(rows.gaps)):
+            is_missing = np.isnan(rows.gaps)
+            if np.count_nonzero(is_missing):
                 reads = a_pair_reads(rows.gaps)
-                for row, is_of_row in enumerate((~reads, reads)):
-                    self._missing[row, 0] += np.count_nonzero(is_of_row)
-                    self._missing[row, 1:] += np.isnan(rows.gaps[:, is_of_row]).sum(axis=1)
+                self._missing += [is_missing[:, some].sum(axis=1) for some in (~reads, reads)]
                 rows = rows.pick(reads)
-            else:
-                self._missing[1, 0] += len(rows)
+            self._has_read |= len(rows) > 0
             for stretch in self._of_one_zero(rows) if len(rows) else ():
                 measured.append(self._measured(stretch))
         return batches.join(measured)

@@ -118,8 +118,8 @@ class StreamTask(Kept):
             'longest gap of this period [s]': f'{longest:.4g}'}
         level, words = WARN, f'{rate:.0f} messages a second'
         if not len(stamps):
-            where = '' if self.source == self.topic else f' on {self.source}'
-            level, words = STALE, f'{"no messages" if self.total else "nothing received yet"}{where}'
+            level, words = STALE, 'no messages' if self.total else 'nothing received yet'
+            words += '' if self.source == self.topic else f' on {self.source}'
         elif len(long):
             words = f'{len(long)} gaps in the stamps, longest {longest:.3g} s'
         elif late:

@@ -112,8 +112,8 @@ def test_probes_stamped_by_another_clock_are_noted(tmp_path, recording, seconds,
         stamps = recording.stamps[topic] + int(1e9 * seconds)
         recording = recording.changed(topic, stamps=stamps)
     notes = ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
-    side = 'later' if seconds > 0.0 else 'earlier'
-    words = f'the probes: begin and end {abs(seconds):.3g} s {side} than the load'
+    side = 'earlier' if seconds > 0.0 else 'later'
+    words = f'{LOAD_TOPIC}: begins and ends {abs(seconds):.3g} s {side} than the others'
     assert (words in notes) == is_doubtful
 
 
@@ -128,7 +128,7 @@ def test_one_probe_of_another_clock_is_noted_and_no_cable_nor_elevation_is_blame
               raw[LOAD_TOPIC].values, list(late.values()),
               [raw[name].values for name in PROBE_TOPICS], RIG.probes)
     notes = bag_info(tmp_path / 'bag').notes
-    assert f'{topic}: begin and end 0.5 s later than the others' in ' '.join(notes)
+    assert f'{topic}: begins and ends 0.5 s later than the others' in ' '.join(notes)
     assert not [note for note in notes if 'swapped' in note or 'elevation' in note]
 
 
@@ -157,7 +157,7 @@ def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, r
     for topic in PROBE_TOPICS:
         recording = recording.changed(topic, stamps=recording.stamps[topic][200:],
                                       values=recording.values[topic][200:])
-    assert 'begin and end' not in ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
+    assert 'begins and ends' not in ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
 
 
 @pytest.mark.parametrize(('cables', 'words'), [
