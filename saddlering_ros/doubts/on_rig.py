@@ -223,7 +223,8 @@ def below_preload(rig: Rig, load: float) -> str:
     """Words on a zero at far less than the preload of the rig; '' of another one."""
     return '' if load >= MIN_ZERO * rig.preload or rig.preload < rig.limits.rest_band else (
         f'is below the preload ({rig.force_words(rig.preload, 2)}): the load was tared there or '
-        'not applied yet, or rig.preload is wrong, and the simulated ring starts elsewhere')
+        'not applied yet, or rig.preload is wrong, and the simulated ring starts elsewhere'
+        if load > -rig.limits.rest_band else 'is a pull: publish a pushing load as positive')
 
 
 def _unit_of_time(rig: Rig, time: Floats, load: Floats) -> list[Finding]:

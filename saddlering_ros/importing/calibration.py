@@ -59,7 +59,7 @@ FACTORS: dict[str, dict[str, int | Fraction]] = {
     CURRENT: {'A': 1, 'mA': Fraction(1, 1000)},
     TIME: {'s': 1, 'ms': Fraction(1, 1000), 'us': Fraction(1, 10**6), 'ns': Fraction(1, 10**9),
            'min': 60, 'h': 3600, 'd': 86400},
-    ANGLE: {'rad': 1, 'deg': Fraction('0.017453292519943295')},
+    ANGLE: {'rad': 1, 'mrad': Fraction(1, 1000), 'deg': Fraction('0.017453292519943295')},
     RAW: {'raw': 1},
 }
 _UNITS = {name: Unit(name, quantity, Fraction(factor))

@@ -201,8 +201,8 @@ class Feed:
                 raise ImportingError(
                     f'{piece.source.path}: {left_out} of {rows} rows have a time that does not '
                     f'rise ({reasons}): several runs in one file need split: {{by: gap}}, a time '
-                    'with too few digits rate: and start:, local time at the end of daylight '
-                    'saving the times of the logger in UTC')
+                    'with too few digits or a counter that rolls over rate: and start:, local '
+                    'time at the end of daylight saving the times of the logger in UTC')
 
     def _runs(
         self, piece: Piece, block: Block, stamps: Stamps, rows: NDArray[np.int64],

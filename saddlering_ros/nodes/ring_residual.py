@@ -77,7 +77,7 @@ class RingResidualNode(streaming_node.StreamingNode):
         figures = {'measured waiting': str(measured), 'simulated waiting': str(simulated)}
         if not self._stream.elevations_agree:
             return TaskStatus(ERROR, 'measured and simulated are at different elevations and are '
-                              'not subtracted: correct elevation_deg of ring_simulator', figures)
+                              'not subtracted: correct elevation_deg of one of them', figures)
         if not self._stream.zeros_agree:
             return TaskStatus(WARN, 'measured and simulated have different zeros and are not '
                                     'subtracted: call /ring_displacement/zero', figures)

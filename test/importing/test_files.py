@@ -77,6 +77,12 @@ def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path:
         assert any(words in line for line in result.warnings)
 
 
+def test_a_counter_of_milliseconds_that_rolls_over_is_told_with_its_remedy(tmp_path: Path) -> None:
+    table = plain_table(t=[str((65_300 + 10 * row) % 65_536) for row in range(ROWS)])
+    words = map_documents.refusal(tmp_path, document(time={'column': 't', 'unit': 'ms'}), table)
+    assert 'or a counter that rolls over rate: and start:' in words
+
+
 def test_two_runs_in_one_file_are_refused_until_the_map_splits_them(tmp_path: Path) -> None:
     twice = [f'{0.01 * (i % 25):.2f}' for i in range(ROWS)]
     assert 'several runs in one file need split' in map_documents.refusal(

@@ -48,6 +48,13 @@ def test_a_gap_is_its_calibration_table_and_a_reading_outside_is_left_out(tmp_pa
     assert any('outside of its calibration table, left out: ' in line for line in result.warnings)
 
 
+def test_an_elevation_in_milliradians_is_read_as_such(tmp_path: Path) -> None:
+    map_ = document()
+    map_['channels']['elevation'] = {'column': 'phi', 'unit': 'mrad'}
+    convert(tmp_path, plain_table(phi=['872.66'] * ROWS), map_)
+    assert np.allclose(readings(tmp_path, 'elevation'), 0.87266, rtol=1e-12)
+
+
 def test_a_decimal_comma_reads_as_a_decimal_point(tmp_path: Path) -> None:
     convert(tmp_path, plain_table().replace('.', ','), document())
     assert np.array_equal(readings(tmp_path), cells(plain_table(), 'F') * 1000.0)
