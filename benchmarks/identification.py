@@ -27,6 +27,7 @@ from rigs import drawn_contact, NO_SCATTER, RIG, virtual_run
 
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.result import FittedLaw
 from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.identification.validation import validate
 from saddlering_ros.quantities import WIDTH_95
@@ -78,8 +79,12 @@ def one_rig(number: int, scatter: Scatter) -> Rig:
                np.array([found.determined[name] for name in PARAMETER_NAMES]), ratios, seconds)
 
 
-def real_ring(number: int, fault: Fault) -> tuple[Array, Array, Array]:
-    """Errors (6,) of ln K, n, ln D, those over stated ones, and which are determined."""
+Errors = tuple[Array, Array, Array]
+"""Errors (6,) of ln K, n, ln D, those over stated ones, and which are determined."""
+
+
+def real_ring(number: int, fault: Fault) -> tuple[Errors, Errors | None]:
+    """Errors of the law of even raceways, and of that beside waves of the raceways."""
     ring, noise = draw_ring(number)
     with tempfile.TemporaryDirectory() as folder:
         runs = [read_run(write(record(ring, fault, course, number + 31 * place, noise), place,
@@ -87,14 +92,22 @@ def real_ring(number: int, fault: Fault) -> tuple[Array, Array, Array]:
                 for place, course in enumerate(usual_courses(RIG)[:-1])]
     found = identify(runs, RIG, IdentificationSettings(seed=number))
     truth = np.array([float(getattr(ring, name)) for name in PARAMETER_NAMES])
-    value = found.parameters.contact.to_array()
+    beside = found.beside_waves
+    return errors_of(found, truth), None if beside is None else errors_of(beside, truth)
+
+
+def errors_of(found: FittedLaw, truth: Array) -> Errors:
+    value = found.contact.to_array()
     off = np.where(LOGARITHMIC, np.log(value / truth), value - truth)
     stated = np.sqrt(np.diag(found.covariance)) / np.where(LOGARITHMIC, value, 1.0)
     return off, off / stated, np.array([found.determined[name] for name in PARAMETER_NAMES])
 
 
-def report_real(rings: list[tuple[Array, Array, Array]]) -> None:
+def report_real(title: str, rings: list[Errors]) -> None:
     """Print how many intervals hold, of determined parameters and of all."""
+    print(f'{title}: {len(rings)} rings')
+    if not rings:
+        return
     print(f'{"parameter":10s} {"determined":>10s} {"95 % holds":>11s} {"of all":>8s} '
           f'{"rms z":>8s} {"rms error":>10s}')
     off, score, determined = (np.array(part) for part in zip(*rings, strict=True))
@@ -129,9 +142,11 @@ def main() -> None:
                      waves=0.0, seed=1)
     if args.waves or args.small_errors:
         numbers = range(args.seed, args.seed + args.rigs)
-        report_real([real_ring(
+        rings = [real_ring(
             number, dirty_fault(NOTHING, number, args.waves) if args.small_errors else
-            wavy(Fault(), number, args.waves)) for number in numbers])
+            wavy(Fault(), number, args.waves)) for number in numbers]
+        report_real('even raceways', [even for even, _ in rings])
+        report_real('beside waves', [beside for _, beside in rings if beside is not None])
         return
     scatter = Scatter() if args.scatter else NO_SCATTER
     report([one_rig(number, scatter) for number in range(args.rigs)])

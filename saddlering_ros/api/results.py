@@ -20,7 +20,7 @@ from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, Verd
 from saddlering_ros.identification.result import Identification, identification_text
 from saddlering_ros.identification.validation import Criterion, judge, Validation, validation_text
 from saddlering_ros.quantities import verdict_line
-from saddlering_ros.rig import PARAMETER_NAMES, write_parameters
+from saddlering_ros.rig import write_parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -187,13 +187,11 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        entries = {name: self.found.parameter_entry(index, name)
-                   for index, name in enumerate(PARAMETER_NAMES)}
         return columns_of([
             {'parameter': name, 'value': entry['value'], 'std': entry['std'],
              **dict(zip(('low', 'high'), entry['interval'] or (None, None), strict=True)),
              'unit': entry['unit'], 'note': entry['reason'] or ''}
-            for name, entry in entries.items()])
+            for name, entry in self.found.entries.items()])
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""

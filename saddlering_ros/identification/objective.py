@@ -130,6 +130,7 @@ class WeightedObjective:
     channels: tuple[int, ...]
     evaluations: int = 0
     shared: list[SharedErrors] = field(default_factory=list, repr=False)
+    common: SharedErrors | None = field(default=None, repr=False)  # errors of all runs together
     _lowest: 'LinearisedFit | None' = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -140,8 +141,7 @@ class WeightedObjective:
     def residuals(self, contacts: Array) -> Array:
         """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
         self.evaluations += len(contacts)
-        white = self.whiten(self._left(contacts))
-        return _numbers(np.concatenate(white, axis=1), contacts)
+        return _numbers(self.whiten(self._left(contacts)), contacts)
 
     def linearised(self, contact: Array) -> 'LinearisedFit':
         """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
@@ -150,7 +150,7 @@ class WeightedObjective:
         white = self.whiten([
             (increments - seen.displacement)[None]
             for (increments, _), seen in zip(motions, self.observations, strict=True)])
-        residual = _numbers(np.concatenate(white, axis=1), contact[None, :])[0]
+        residual = _numbers(white, contact[None, :])[0]
         fit = LinearisedFit(self, contact, residual, motions)
         if self._lowest is None or residual @ residual < self._lowest.chi_square:
             self._lowest = fit
@@ -158,7 +158,7 @@ class WeightedObjective:
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
-        white = self.whiten(self._left(contact[None, :]))
+        white = self._of_runs(self.whiten(self._left(contact[None, :])))
         return [float(np.mean(residual**2)) for residual in white]
 
     def _left(self, contacts: Array) -> list[Array]:
@@ -197,17 +197,47 @@ class WeightedObjective:
             increments if one.dynamic
             else increments - predict(self.rig, contact[None, :], one.coarse())
             for one, increments in zip(self.observations, moving, strict=True)]
-        lengths = [float(np.linalg.norm(white)) for white in self.whiten(settling)]
+        lengths = [float(np.linalg.norm(white)) for white in self._of_runs(self.whiten(settling))]
         return replace(self, observations=[
             one if one.dynamic or not length < SETTLED
             else replace(one.coarse(), displacement=one.displacement - increments[0])
             for one, increments, length in zip(self.observations, settling, lengths, strict=True)])
 
-    def whiten(self, raw: Sequence[Array]) -> list[Array]:
-        """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""
-        return [
+    def changes(self, contact: Array, errors: Sequence[SmallError]) -> list[Array]:
+        """Changes (M, 3, N) of the increments of each run by each of M small errors."""
+        return [changes_by(self.rig, contact, one, errors) for one in self.observations]
+
+    def beside(self, draws: Sequence[Array], further: Array) -> 'WeightedObjective':
+        """The same beside errors that all runs share, which are no parameters of the fit.
+
+        draws: changes (M, 3, N) of the increments of each run by M draws of such errors, of any
+        mean; further: whitened residuals (k, R) by one deviation of other ones.
+        """
+        count, means = len(draws[0]), [moved.mean(axis=0) for moved in draws]
+        about = self.whiten([moved - mean for moved, mean in zip(draws, means, strict=True)])
+        return replace(
+            self, evaluations=0,
+            common=SharedErrors.of(np.vstack([further, about / np.sqrt(count - 1)]).T),
+            observations=[replace(one, displacement=one.displacement - mean)
+                          for one, mean in zip(self.observations, means, strict=True)])
+
+    def likely(self, contact: Array) -> Array:
+        """Errors of `beside`, further ones first, that a law (6,) makes most likely."""
+        residual = self.residuals(contact[None, :])[0]
+        return np.zeros(0) if self.common is None else self.common.likely(residual)
+
+    def whiten(self, raw: Sequence[Array]) -> Array:
+        """Residuals (B, R) of unit covariance of all runs, from raw ones (B, 3, N) of each."""
+        white = np.concatenate([
             shared.apply(residuals.T).T
-            for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)]
+            for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)
+        ], axis=1)
+        return white if self.common is None else self.common.apply(white.T).T
+
+    def _of_runs(self, white: Array) -> list[Array]:
+        """The part of each run in whitened residuals (B, R)."""
+        sizes = [len(self.channels) * one.time.size for one in self.observations]
+        return np.split(white, np.cumsum(sizes)[:-1], axis=1)
 
     def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
         """The same without errors of load and zero."""
@@ -243,7 +273,7 @@ class LinearisedFit:
     def slopes(self) -> Array:
         """Derivatives (6, R) of the whitened residuals by the contact parameters."""
         raw = in_parallel(lambda slopes: slopes(), [slopes for _, slopes in self.followed])
-        return np.concatenate(self.objective.whiten(raw), axis=1)
+        return self.objective.whiten(raw)
 
 
 @dataclass

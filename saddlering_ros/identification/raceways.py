@@ -7,14 +7,19 @@ each row. Sizes and powers are compared, together with the noise beside them, an
 restricted likelihood of the residuals (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 
 import numpy as np
 
 from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, WAVES
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.ring.small_errors import SmallError
+from saddlering_ros.identification.objective import BEFORE, predict, Refinement, WeightedObjective
+from saddlering_ros.rig import Displacement
+from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
+from saddlering_ros.ring.small_errors import compressed, known_errors, scatter_columns, SmallError
 
 WAVE = 1e-6
 """Size [m] by which waves are simulated."""
@@ -39,12 +44,23 @@ explain 0.71 to 1.0 of it, friction up to 0.65, many small errors together up to
 arm, an elevation or a bent load cell explain as much as waves, and bend K and n as they do."""
 
 
+DRAWS = 128
+"""Number of draws of waves. Their errors of deviations are 6 %."""
+
+
 @dataclass(frozen=True)
 class Waves:
     """Standard deviation of each wave (W,), in WAVE, and the share of the misfit they explain."""
 
     sizes: Array
     share: float
+
+    def drawn(self, seed: int) -> list[SmallError]:
+        """Draws of cosine and sine of each wave."""
+        names = [one.name for one in RacewayWaves.parameters]
+        sizes = WAVE * np.repeat(self.sizes, 2)
+        draws = sizes * np.random.default_rng(seed).standard_normal((DRAWS, sizes.size))
+        return [{RacewayWaves.id: dict(zip(names, one, strict=True))} for one in draws.tolist()]
 
     @property
     def rms(self) -> float:
@@ -78,3 +94,97 @@ def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves
     weights = np.exp(0.5 * (least - np.array([deviance for deviance, _, _ in found])))
     variances = weights @ np.array([sizes**2 for _, _, sizes in found]) / weights.sum()
     return Waves(np.sqrt(variances), min(share, 1.0))
+
+
+@dataclass(frozen=True)
+class RingErrors:
+    """Changes of the whitened residuals (M, R) of a fit by one deviation of errors of its ring.
+
+    known: by clearances and the weight; each_wave: by errors that are the waves together; others:
+    further ones that the intervals allow for.
+    """
+
+    rollers: Array
+    known: Array
+    waves: Waves
+    each_wave: Array
+    others: Array
+
+    @property
+    def sound(self) -> Array:
+        """Those of a ring with even raceways and exact instruments."""
+        return np.vstack([self.rollers, self.known])
+
+
+def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors:
+    """Errors of a fit on even raceways, and the waves that its misfit shows."""
+    rollers, known = _sound_errors(objective, best.contact)
+    each = objective.whiten(objective.changes(best.contact, EACH_WAVE))
+    waves = waves_of(
+        unlike(best, objective.residuals(best.contact[None])[0]),
+        unlike(best, compressed(np.vstack([rollers, known]).T).T), unlike(best, each),
+        degrees_of_freedom(objective, best))
+    return RingErrors(rollers, known, waves, waves.sizes[:, None] * each, each[:0])
+
+
+def beside_waves(
+    objective: WeightedObjective, contact: Array, errors: RingErrors, others: Sequence[SmallError],
+    seed: int,
+) -> WeightedObjective:
+    """The objective beside other errors, those of a sound ring, and draws of the waves."""
+    return objective.beside(
+        objective.changes(contact, errors.waves.drawn(seed)),
+        np.vstack([objective.whiten(objective.changes(contact, others)), errors.sound]))
+
+
+def errors_beside(
+    objective: WeightedObjective, best: Refinement, waves: Waves, others: Sequence[SmallError],
+    seed: int,
+) -> RingErrors:
+    """Errors of a fit beside waves, of which others are drawn."""
+    rollers, known = _sound_errors(objective, best.contact)
+    drawn, further = (objective.whiten(objective.changes(best.contact, errors))
+                      for errors in (waves.drawn(seed), others))
+    return RingErrors(
+        rollers, known, waves, (drawn - drawn.mean(axis=0)) / math.sqrt(DRAWS - 1),
+        np.vstack([known, further]))
+
+
+def _sound_errors(objective: WeightedObjective, contact: Array) -> tuple[Array, Array]:
+    """Those of rollers, and of clearances and weight."""
+    usual = objective.increments(contact[None, :])
+    known = [
+        np.concatenate(known_errors(
+            objective.rig, partial(predict, contacts=contact[None, :], observation=one), moved))
+        for one, moved in zip(objective.observations, usual, strict=True)]
+    return objective.whiten(roller_effects(objective, contact)), objective.whiten(known)
+
+
+def unlike(best: Refinement, errors: Array) -> Array:
+    """Whitened residuals (..., R) less what the parameters imitate."""
+    slopes, _ = np.linalg.qr(best.jacobian)
+    return np.asarray(errors - (errors @ slopes) @ slopes.T)
+
+
+def degrees_of_freedom(objective: WeightedObjective, best: Refinement) -> int:
+    """Those of the residuals of a fit."""
+    return max(1, objective.size - best.point.size)
+
+
+def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
+    """Increments (M, 3, N) of each run by one standard deviation of each roller's scatter.
+
+    Runs share the M rollers, because the same rollers are unequal in each of them.
+    """
+    usual = objective.increments(contact[None, :])
+    rig, effects = objective.rig, []
+    for one, increments in zip(objective.observations, usual, strict=True):
+        x, y, gamma = np.concatenate([np.zeros((3, 1)), increments[0]], axis=1)
+        probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
+        columns = scatter_columns(
+            rig, contact, one.elevation, one.zero_load,
+            np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
+        since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
+        moved = probes_to_displacement(rig.probes, since_zero).channels[:3]
+        effects.append(moved.transpose(1, 0, 2))
+    return effects

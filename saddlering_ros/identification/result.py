@@ -11,31 +11,63 @@ import numpy as np
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import uncertainty
 from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
-from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet
+from saddlering_ros.rig import (
+    ContactParameters,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    ParameterSet,
+    ParameterSource,
+)
 from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
 
 
 @dataclass(frozen=True)
-class Identification(uncertainty.Uncertainty):
+class FittedLaw(uncertainty.Uncertainty):
+    """A contact law with its uncertainty."""
+
+    contact: ContactParameters
+    at_bound: dict[str, bool]
+
+    @property
+    def entries(self) -> dict[str, dict[str, Any]]:
+        """The parameters as in the JSON, by name."""
+        return {name: {
+            'value': float(getattr(self.contact, name)),
+            'std': float(self.std[index]) if self.determined[name] else None,
+            'interval': None if (ends := self.intervals[name]) is None else list(ends),
+            'unit': PARAMETER_UNITS[name], 'pinned': self.determined[name],
+            'reason': self.reasons.get(name), 'at_bound': self.at_bound[name],
+        } for index, name in enumerate(PARAMETER_NAMES)}
+
+
+@dataclass(frozen=True)
+class Identification(FittedLaw):
     """Identified contact parameters and their uncertainty.
 
     objective: the paper's J (method 'paper') or chi square (method 'default'). If the data do not
     determine a parameter, std is NaN, the interval is None, reasons states why, and the value is
     the best known one. All of these allow for unequal rollers; the covariance in the parameters'
-    source counts noise alone, for predictions of the same ring and its changes.
+    source counts noise alone, for predictions of the same ring and its changes. The law is that of
+    even raceways. beside_waves: that of the contacts, where waves bend the former and explain the
+    misfit.
     """
 
-    parameters: ParameterSet
+    source: ParameterSource
     method: str
     objective: float
     chi_square: float
     degrees_of_freedom: int
-    at_bound: dict[str, bool]
     evaluations: int
     elapsed: float
     status: str
     cancelled: bool
     notes: tuple[str, ...] = ()
+    beside_waves: FittedLaw | None = None
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The law with its source, as in a parameter file."""
+        return ParameterSet(self.contact, source=self.source)
 
     @property
     def noise_factor(self) -> float:
@@ -50,9 +82,7 @@ class Identification(uncertainty.Uncertainty):
             **{name: getattr(self, name) for name in (
                 'objective', 'chi_square', 'degrees_of_freedom', 'reduced_chi_square',
                 'noise_factor', 'sound_factor', 'evaluations', 'elapsed')},
-            'parameters': {
-                name: self.parameter_entry(index, name)
-                for index, name in enumerate(PARAMETER_NAMES)},
+            'parameters': self.entries,
             'line_contact_ratio': line_contact_ratios(self.parameters.contact),
             'order': list(PARAMETER_NAMES),
             'covariance': self.covariance.tolist(),
@@ -63,20 +93,13 @@ class Identification(uncertainty.Uncertainty):
                 for key, shift in self.systematic.items()},
             'budget': self.budget,
             'raceway_waves': self.waves.rms,
+            'beside_waves': None if (beside := self.beside_waves) is None else {
+                'raceway_waves': beside.waves.rms, 'parameters': beside.entries,
+                'covariance': beside.covariance.tolist()},
             'joint': self.joint,
             'notes': list(self.notes),
             'provenance': Provenance(self.parameters.source.origins).as_dict()})
         return document
-
-    def parameter_entry(self, index: int, name: str) -> dict[str, Any]:
-        """One parameter as `to_json` has it."""
-        interval = self.intervals[name]
-        return {
-            'value': float(getattr(self.parameters.contact, name)),
-            'std': float(self.std[index]) if self.determined[name] else None,
-            'interval': None if interval is None else list(interval),
-            'unit': PARAMETER_UNITS[name], 'pinned': self.determined[name],
-            'reason': self.reasons.get(name), 'at_bound': self.at_bound[name]}
 
 
 def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
@@ -119,9 +142,8 @@ def identification_text(identification: Identification) -> str:
         f'    rms misfit          = {identification.noise_factor:.2f} times the noise, '
         f'{identification.sound_factor:.2f} times noise and small errors of a sound ring',
         '[[Parameters]]',
-        *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
-          for index, name in enumerate(PARAMETER_NAMES)),
-        f'    {INTERVALS}',
+        *(f'    {parameter_words(name, entry)}' for name, entry in identification.entries.items()),
+        f'    {INTERVALS}', *_lines_beside_waves(identification.beside_waves),
         '[[Stiffness in N/mm^n, as in ADAMS]]', *_stiffness_lines(identification),
         '[[Effect of small imperfections of the rig]]', *_imperfection_lines(identification),
         f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
@@ -135,6 +157,20 @@ def identification_text(identification: Identification) -> str:
     if identification.notes:
         lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)
+
+
+def beside_waves_words(rms: float) -> str:
+    """What the contact law beside waves of an rms [m] is."""
+    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. The '
+            'parameters above move even raceways as the ring moved. Those beside the waves are '
+            'the contact law of its rollers.')
+
+
+def _lines_beside_waves(law: FittedLaw | None) -> Iterator[str]:
+    if law is not None:
+        yield '[[Parameters beside waves of the raceways]]'
+        yield from (f'    {parameter_words(name, entry)}' for name, entry in law.entries.items())
+        yield f'    {beside_waves_words(law.waves.rms)}'
 
 
 def _stiffness_lines(identification: Identification) -> Iterator[str]:

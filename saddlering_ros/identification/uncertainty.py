@@ -10,7 +10,6 @@ waves of the raceways, where the misfit shows them (raceways.py).
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations, compress
 import math
 from typing import Any
@@ -19,14 +18,11 @@ import numpy as np
 
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.identification import objective as objectives
-from saddlering_ros.identification.objective import BEFORE, predict, Refinement, WeightedObjective
-from saddlering_ros.identification.raceways import EACH_WAVE, Waves, waves_of
+from saddlering_ros.identification.objective import Refinement, WeightedObjective
+from saddlering_ros.identification.raceways import degrees_of_freedom, RingErrors, unlike, Waves
 from saddlering_ros.quantities import compact, WIDTH_95
-from saddlering_ros.rig import Displacement, PARAMETER_NAMES
-from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
-from saddlering_ros.ring import small_errors
-from saddlering_ros.ring.small_errors import certified_errors, known_errors, SmallError
+from saddlering_ros.rig import PARAMETER_NAMES, Rig
+from saddlering_ros.ring.small_errors import certified_errors, SmallError
 
 DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
@@ -39,6 +35,17 @@ IMPERFECTIONS: Mapping[str, SmallError] = {
     'load_gain': {'load_gain': {'gain': -0.005}}, 'delay': {'clock_offset': {'offset': DELAY}},
     'probe_gains': {'probe_gain': {'probe': 0.0, 'gain': 0.005}}}  # 0: of all four
 """Small errors that no fit can detect; the change of the parameters by each is reported."""
+
+def usual_errors(rig: Rig) -> list[SmallError]:
+    """Small errors of a rig beside which a law beside waves is fitted, one deviation of each."""
+    return [*IMPERFECTIONS.values(), *certified_errors(rig).values(),
+            {'moment_arm': {'offset': MOMENT_ARM}},
+            {'load_offset': {'offset': LOAD_OFFSET * rig.full_scale_load}}]
+
+
+MOMENT_ARM, LOAD_OFFSET = 2e-3, 5e-4
+"""Usual errors of the height of the trunnion [m], and of the zero of a load cell as a share of
+full scale."""
 
 IMPERFECTION_WORDS = {
     'load_nonlinearity': '0.1 % of full scale load nonlinearity',
@@ -74,41 +81,30 @@ class Uncertainty:
 
 
 def assess(
-    objective: WeightedObjective, space: SearchSpace, best: Refinement,
+    objective: WeightedObjective, space: SearchSpace, best: Refinement, errors: RingErrors,
     bounds: dict[str, tuple[float, float]], misfit_advice: str,
 ) -> Uncertainty:
     """Judge a refined fit in its `space`; misfit_advice: remedy for a misfit."""
-    freedom = max(1, objective.size - len(space.free))
-    reduced = best.chi_square / freedom
+    reduced = best.chi_square / degrees_of_freedom(objective, best)
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     certified = certified_errors(objective.rig)
-    changes = _changes(
-        objective, best, [*IMPERFECTIONS.values(), *certified.values(), *EACH_WAVE])
-    shifts = changes @ inverse.T
+    changes = objective.changes(best.contact, [*IMPERFECTIONS.values(), *certified.values()])
+    shifts = objective.whiten(changes) @ inverse.T
     systematic = {name: _spread_over_six(shift, space)
                   for name, shift in zip(IMPERFECTIONS, shifts, strict=False)}
-    count = len(IMPERFECTIONS) + len(certified)
-    of_instruments = dict(zip(certified, shifts[len(IMPERFECTIONS):count], strict=True))
+    of_instruments = dict(zip(certified, shifts[len(IMPERFECTIONS):], strict=True))
     # Delay of logger and filters between load and probes, within the limits from the readings.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
+    if objective.common is not None:  # The part of the readings alone.
+        of_readings = objective.common.apply(inverse.T)
+        at_noise = of_readings.T @ of_readings
     by_noise = at_noise * widening + np.outer(late, late)
-    rollers = np.concatenate(objective.whiten(roller_effects(objective, best.contact)), axis=1)
-    sound = np.vstack([rollers, _known(objective, best)])
-    residual = objective.residuals(best.contact[None])[0]
-    slopes, _ = np.linalg.qr(best.jacobian)
-
-    def beside(errors: Array) -> Array:
-        """Changes (..., R) of residuals less what the parameters imitate."""
-        return np.asarray(errors - (errors @ slopes) @ slopes.T)
-
-    waves = waves_of(beside(residual), beside(small_errors.compressed(sound.T).T),
-                     beside(changes[count:]), freedom)
-    by_rollers, by_waves = (
-        moved @ moved.T for moved in (inverse @ rollers.T, waves.sizes * shifts[count:].T))
-    even = by_noise + by_rollers + sum(
+    by_rollers, by_waves, by_others = (moved @ moved.T for moved in (
+        inverse @ each.T for each in (errors.rollers, errors.each_wave, errors.others)))
+    even = by_noise + by_rollers + by_others + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
     inner = even + by_waves
     total, on_even, of_noise, without_misfit = (
@@ -123,7 +119,8 @@ def assess(
                  misfit_advice) for in_all in (total, on_even))
     # Shares of the variance by source: GUM, JCGM 100, 5.1.
     variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
-                 **({'raceway_waves': np.diag(by_waves)} if waves.rms else {}),
+                 **({'raceway_waves': np.diag(by_waves)} if errors.waves.rms else {}),
+                 **({'other_errors': np.diag(by_others)} if len(errors.others) else {}),
                  **{name: shift**2 for name, shift in of_instruments.items()}}
     variance = sum(variances.values(), np.zeros(len(space.free)))
     return Uncertainty(
@@ -135,10 +132,10 @@ def assess(
         systematic=systematic,
         reasons=reasons,
         reasons_even=reasons_even,
-        waves=waves,
+        waves=errors.waves,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
-        sound_factor=_sound_factor(residual, beside(sound), freedom),
+        sound_factor=_sound_factor(objective, best, errors.sound),
         budget={name: {source: float(part[position] / variance[position])
                        for source, part in variances.items()}
                 for position, name in enumerate(space.names)},
@@ -249,54 +246,17 @@ def _with_bounds_alone(
     return np.asarray(six)
 
 
-def _changes(
-    objective: WeightedObjective, best: Refinement, errors: Sequence[SmallError],
-) -> Array:
-    """Whitened residuals (M, R) by each small error."""
-    return np.concatenate(objective.whiten([
-        objectives.changes_by(objective.rig, best.contact, one, errors)
-        for one in objective.observations]), axis=1)
-
-
-def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
-    """Increments (M, 3, N) of each run by one standard deviation of each roller's scatter.
-
-    Runs share the M rollers, because the same rollers are unequal in each of them.
-    """
-    usual = objective.increments(contact[None, :])
-    rig, effects = objective.rig, []
-    for one, increments in zip(objective.observations, usual, strict=True):
-        x, y, gamma = np.concatenate([np.zeros((3, 1)), increments[0]], axis=1)
-        probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
-        columns = small_errors.scatter_columns(
-            rig, contact, one.elevation, one.zero_load,
-            np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
-        since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
-        moved = probes_to_displacement(rig.probes, since_zero).channels[:3]
-        effects.append(moved.transpose(1, 0, 2))
-    return effects
-
-
-def _known(objective: WeightedObjective, best: Refinement) -> Array:
-    """Whitened residuals (M, R) by errors of clearances and weight."""
-    contact = best.contact[None, :]
-    known = [
-        np.concatenate(known_errors(
-            objective.rig, partial(predict, contacts=contact, observation=one), usual))
-        for one, usual in zip(objective.observations, objective.increments(contact), strict=True)]
-    return np.concatenate(objective.whiten(known), axis=1)
-
-
-def _sound_factor(residual: Array, errors: Array, freedom: int) -> float:
+def _sound_factor(objective: WeightedObjective, best: Refinement, sound: Array) -> float:
     """Rms misfit over that of noise and small errors of a sound ring together.
 
-    errors: whitened residuals (M, R) by unequal rollers, clearances and the weight. The parameters
+    sound: whitened residuals (M, R) by unequal rollers, clearances and the weight. The parameters
     are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
     """
+    residual, errors = objective.residuals(best.contact[None])[0], unlike(best, sound)
     along = errors @ residual
     inner = np.eye(len(errors)) + errors @ errors.T
     left = residual @ residual - along @ np.linalg.solve(inner, along)
-    return math.sqrt(max(float(left), 0.0) / freedom)
+    return math.sqrt(max(float(left), 0.0) / degrees_of_freedom(objective, best))
 
 
 MAX_HALF_WIDTH = {'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0))}

@@ -13,7 +13,7 @@ from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_wor
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.raceway_waves import shown_sizes
-from saddlering_ros.identification.result import INTERVALS
+from saddlering_ros.identification.result import beside_waves_words, INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -343,12 +343,8 @@ OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter 
 
 def identified(document: Mapping[str, Any], words: str = '') -> str:
     """Result of an identification: values, errors, intervals, undetermined parameters."""
-    items = {name: document['parameters'][name] for name in PARAMETER_NAMES}
-    rows: list[Row] = [
-        [code(name), quantity(item['value'], item['unit'], item['std']),
-         span(*item['interval']) if item['interval'] else '–',
-         f'{UNDETERMINED}: {item["reason"]}' if item['reason'] else
-         ('at its bound' if item['at_bound'] else '')] for name, item in items.items()]
+    items, beside = document['parameters'], document.get('beside_waves')
+    rows = _of_parameters(items)
     rows += _per_millimetre({name: item['value'] for name, item in items.items()},
                             [name for name, item in items.items() if item['reason']])
     covariance = np.array([[math.nan if value is None else value for value in row]
@@ -358,12 +354,22 @@ def identified(document: Mapping[str, Any], words: str = '') -> str:
         html.paragraph(f'{document["evaluations"]} simulations in {document["elapsed"]:.1f} s; '
                        f'{document["status"]}.'),
         html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
+        html.table(HEAD, _of_parameters(beside['parameters']), 'Beside waves of the raceways')
+        + html.paragraph(beside_waves_words(beside['raceway_waves'])) if beside else '',
         html.picture(figures.joint_regions(document), 'joint_regions',
                      'K and n of a row, with noise and unequal rollers. A parameter without an '
                      'interval is not determined.')
         if document.get('joint') else '',
         correlation(covariance if covariance.shape == (6, 6) else None),
         html.paragraph(ASSUMPTION, 'note'), html.bullets(list(document.get('notes') or [])))
+
+
+def _of_parameters(items: Mapping[str, Mapping[str, Any]]) -> list[Row]:
+    """A row for each identified parameter."""
+    return [[code(name), quantity(item['value'], item['unit'], item['std']),
+             span(*item['interval']) if item['interval'] else '–',
+             f'{UNDETERMINED}: {item["reason"]}' if item['reason'] else
+             ('at its bound' if item['at_bound'] else '')] for name, item in items.items()]
 
 
 def before_and_after(document: VerdictDocument, covariance: Array | None = None) -> str:

@@ -14,6 +14,7 @@ from saddlering_ros.identification import methods, uncertainty
 from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.methods import identify, MISFIT_ADVICE
 from saddlering_ros.identification.objective import average_branches, predict, WeightedObjective
+from saddlering_ros.identification.raceways import errors_of_ring
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.settings import (
     IdentificationError,
@@ -285,7 +286,8 @@ def test_a_stiffness_that_no_or_one_reading_determines_has_no_interval_and_no_ov
     best = objectives.stay_at(objective, space, TRUE_TO_SCALE)
     jacobian = best.jacobian.copy()
     jacobian[row, column] *= factor
-    trust = assess(objective, space, replace(best, jacobian=jacobian), RIG.bounds, '')
+    lone = replace(best, jacobian=jacobian)
+    trust = assess(objective, space, lone, errors_of_ring(objective, lone), RIG.bounds, '')
     assert trust.intervals['K2'] is None
     assert ('one reading alone' in trust.reasons['K2']) == (row == 7)
 

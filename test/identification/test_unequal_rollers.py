@@ -12,9 +12,12 @@ from saddlering_ros.bags.reader import read_run
 from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.raceways import roller_effects
+from saddlering_ros.identification.result import identification_text, parameter_words
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
-from saddlering_ros.identification.uncertainty import MAX_SOUND, roller_effects
+from saddlering_ros.identification.uncertainty import MAX_SOUND
 from saddlering_ros.quantities import WIDTH_95
+from saddlering_ros.report.chapters import identified
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, TRUE_TO_SCALE
 
 SEED = 4
@@ -66,21 +69,71 @@ def test_even_raceways_show_no_waves(found):
     assert not any('raceway_waves' in shares for shares in found.budget.values())
 
 
-def wavy_ring(seed):
-    """The identification of a ring whose raceways wave by 4 um rms."""
-    drawn = 1.5e-6 * np.random.default_rng(seed).standard_normal(len(RacewayWaves.parameters))
-    waves = {RacewayWaves.id: {
-        one.name: size for one, size in zip(RacewayWaves.parameters, drawn, strict=True)}}
+def runs_with(effects):
     tests = (static_run, 50.0), (dynamic_run, 50.0), (static_run, 70.0)
-    return identify([make(elevation=degrees, effects=waves, seed=number)
-                     for number, (make, degrees) in enumerate(tests)], RIG, SHORT)
+    return [make(elevation=degrees, effects=effects, seed=number)
+            for number, (make, degrees) in enumerate(tests)]
 
 
-def test_intervals_allow_for_waves_of_the_size_that_the_misfit_shows():
+def wavy_runs(seed):
+    """Runs of a ring whose raceways wave by 4 um rms."""
+    drawn = 1.5e-6 * np.random.default_rng(seed).standard_normal(len(RacewayWaves.parameters))
+    return runs_with({RacewayWaves.id: {
+        one.name: size for one, size in zip(RacewayWaves.parameters, drawn, strict=True)}})
+
+
+def errors_of(law):
+    """Errors (6,) of ln K, n, ln D, and those over the stated deviations."""
+    off = law.contact.to_array() - TRUE_TO_SCALE.to_array()
+    return (off / np.where(np.arange(6) % 3 == 1, 1.0, TRUE_TO_SCALE.to_array()),
+            off / np.sqrt(np.diag(law.covariance)))
+
+
+@pytest.fixture(name='wavy', scope='module')
+def wavy_fixture():
+    return [identify(wavy_runs(seed), RIG, SHORT) for seed in range(1, 4)]
+
+
+def test_the_law_beside_waves_is_that_of_the_contacts(wavy):
+    """Errors of ln K were 0.36 in the rms on even raceways."""
+    off, over_stated = np.array([errors_of(found.beside_waves) for found in wavy]).swapaxes(0, 1)
+    assert all(all(found.beside_waves.determined.values()) for found in wavy)
+    assert np.sqrt(np.mean(off[:, [0, 3]] ** 2)) < 0.05
+    assert np.sqrt(np.mean(over_stated**2)) < 1.5
+    assert 'K1, n1, D1, K2, n2, D2 are determined beside such waves' in wavy[0].status
+
+
+def test_text_json_and_report_state_the_law_beside_waves(wavy):
+    found, beside = wavy[0], wavy[0].beside_waves
+    document, shown = found.to_json(), parameter_words('K1', beside.entries['K1'])
+    assert f'    {shown}' in identification_text(found).splitlines()
+    assert document['beside_waves']['parameters']['K1']['interval'] == list(beside.intervals['K1'])
+    assert document['parameters']['K1']['value'] == found.parameters.contact.K1
+    assert 'Beside waves of the raceways' in identified(document)
+
+
+@pytest.mark.parametrize('cause', [
+    {'moment_arm': {'offset': 0.04}}, {'load_offset': {'offset': 1500.0}}])
+def test_no_law_beside_waves_is_stated_where_they_do_not_explain_the_misfit(cause):
+    found = identify(runs_with(cause), RIG, SHORT)
+    assert found.waves.rms > 0.0
+    assert found.beside_waves is None
+
+
+def test_a_search_that_is_cancelled_beside_waves_keeps_the_law_of_even_raceways():
+    stages = []
+    found = identify(wavy_runs(1), RIG, SHORT, on_progress=lambda at: stages.append(at.stage),
+                     is_cancelled=lambda: 'beside waves' in stages)
+    assert found.cancelled
+    assert found.beside_waves is None
+    assert found.status.startswith('cancelled: the law of even raceways')
+    assert found.chi_square > 0.0
+
+
+def test_intervals_allow_for_waves_of_the_size_that_the_misfit_shows(wavy):
     errors, of_waves = [], []
-    for found in map(wavy_ring, range(1, 4)):
-        off = found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()
-        errors.append(off / np.sqrt(np.diag(found.covariance)))
+    for found in wavy:
+        errors.append(errors_of(found)[1])
         of_waves.append([found.budget[name]['raceway_waves'] for name in PARAMETER_NAMES])
         assert 1.5e-6 < found.waves.rms < 1.5e-5
         assert 'raceways that wave by' in found.status
@@ -106,7 +159,7 @@ def test_a_lag_that_hides_in_the_damping_is_more_than_unequal_rollers_explain(ru
 
 def whitened_effects(objective, contact):
     """Whitened residuals (R, M) by the scatter of each roller."""
-    return np.concatenate(objective.whiten(roller_effects(objective, contact)), axis=1).T
+    return objective.whiten(roller_effects(objective, contact)).T
 
 
 def test_the_effect_of_rollers_is_shared_by_all_runs(runs, found):
