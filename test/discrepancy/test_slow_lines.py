@@ -90,6 +90,16 @@ def frequencies(runs: list) -> list[float]:
     return sorted(item.parameters['frequency'].value for item in lines)
 
 
+def test_a_fast_line_that_means_over_blocks_fold_has_one_name() -> None:
+    fast, runs = 1.0 / STEP + FREQUENCY, []
+    for number, run in enumerate(two_runs(3.0 * line(1.0 / STEP + FREQUENCY))):
+        own = STEP / 10.0 * np.arange(240)
+        noise = NOISE * np.random.default_rng(9 + number).normal(size=own.size)
+        rest = 0.072 * np.cos(2.0 * np.pi * fast * own) + noise
+        runs.append(replace(run, rest=(discrepancy.RestSegment(rest[None, :], STEP / 10.0),)))
+    assert frequencies(runs) == pytest.approx([fast], abs=0.03)
+
+
 def with_a_gap(run: RunBlocks) -> RunBlocks:
     kept = (TIME < 9.0) | (TIME > 12.0)
     return replace(run, time=run.time[kept], width=run.width[kept], direction=run.direction[kept],

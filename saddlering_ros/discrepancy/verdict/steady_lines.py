@@ -64,6 +64,10 @@ PIECES, PIECE_PERIODS = 8, 3.0
 MAX_UNSTEADY = 0.35
 """Allowed deviation of a strength beside noise: a line of 0.80 um on four runs passes."""
 
+FOLDED = 0.5
+"""Distance [Hz] from the frequency to which block means fold a faster line, below which a line is
+that one. Rests of one second tell a frequency to a tenth of it."""
+
 HARMONICS = 5
 """Number of multiples of its frequency at which a line of the drive may show in the readings.
 With more multiples, more real lines would match one by chance."""
@@ -244,6 +248,10 @@ def _in_whole_runs(
     shown = [segment for segment in usable if segment.step * line.frequency <= 0.5 * MAX_SHARE
              and _duration(segment) * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
+    if fast := find_line(at_rest, error_rate).line:
+        turns = fast.frequency * line.step  # Block means fold a faster line into a slow one.
+        if turns > 0.5 and abs(abs(turns - round(turns)) / line.step - line.frequency) < FOLDED:
+            return None
     if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
     whole = float(np.sinc(line.frequency * line.step))
