@@ -85,7 +85,11 @@ def diagnose_ring(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))
     if diagnosis.verdict == 'none':  # what `validate` would not allow
-        diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
+        # Static runs do not determine D, which held-out dynamic runs need.
+        refitted = {} if any(run.test == 'dynamic' for run in runs) else {
+            (run.name, view): size for run, view, size in discrepancy.sizes_of_held_out(
+                diagnosis.fits.metric.problem, diagnosis.fits.after)}
+        diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units, refitted))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = [*of_waves, *_notes(records, rig, diagnosis, law.refusal)]
     watch.progress('notes', 1.0)

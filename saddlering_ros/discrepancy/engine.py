@@ -374,26 +374,15 @@ def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[results.Rema
 
 
 def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
-    """What a model leaves of held-out runs that it does not leave of others.
-
-    It is fitted to each as well, because fitted runs may not determine what it needs.
-    """
+    """What a model leaves of held-out runs, fitted to them too, beyond what others keep."""
     problem = space.problem
-    for run in problem.held_out:
-        if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
-            continue
-        joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
-        metric = fitting.GainMetric(joint, fitting.GainMetric.about(problem, model).unit)
-        [fit] = fitting.run_refits(metric, [
-            fitting.refit(metric, model.candidate, model.theta_unit)])
-        for view, scale in problem.view_ranges.items():
-            share = float(joint.view_sizes(fit.prediction - joint.measured, view)[-1])
-            share *= joint.view_ranges[view] / scale
-            usual = problem.view_sizes(model.prediction - problem.measured, view).max()
-            noise = space.metric.noise_power(run, view) ** 0.5 / scale
-            declared = max(space.settings.materiality, problem.allowed_sizes[view])
-            if share > allowed_misfit(max(usual, noise), material=declared):
-                yield run, view, share, ''
+    for run, view, size in fitting.sizes_of_held_out(problem, model):
+        scale = problem.view_ranges[view]
+        usual = problem.view_sizes(model.prediction - problem.measured, view).max()
+        noise = space.metric.noise_power(run, view) ** 0.5 / scale
+        declared = max(space.settings.materiality, problem.allowed_sizes[view])
+        if size / scale > allowed_misfit(max(usual, noise), material=declared):
+            yield run, view, size / scale, ''
 
 
 def _left(

@@ -62,3 +62,11 @@ def test_runs_of_one_kind_only_are_said_to_be_so(campaign, kind):
 
 def test_a_short_run_is_said_to_be_short(campaign):
     assert 'slower effects cannot show' in notes_of(campaign()[2:3])
+
+
+def test_a_sound_dynamic_run_beside_static_ones_alone_shows_no_cause(campaign):
+    """No static run determines the damping that it needs."""
+    dynamic, *static = campaign(runs=('dynamic_50', 'static_50', 'static_70'), seed=7)
+    found = diagnose(static, hold_out=[dynamic]).found
+    assert (found.verdict, found.diagnosis.complete) == ('none', True)
+    assert 'is judged with D1 and D2 fitted to it' in ' '.join(found.notes)

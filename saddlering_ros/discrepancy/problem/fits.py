@@ -15,7 +15,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.estimation.least_squares import bounded_step, descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
@@ -398,6 +398,22 @@ class GainMetric:
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
         return self.problem.in_views(columns) / self.unit
+
+
+def sizes_of_held_out(problem: Problem, model: Fit) -> Iterator[tuple[RunBlocks, str, float]]:
+    """Each held-out run and view, and the rms that a model leaves there, fitted to this run too.
+
+    Fitted runs may not determine what a held-out run needs.
+    """
+    for run in problem.held_out:
+        if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
+            continue
+        joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
+        metric = GainMetric(joint, GainMetric.about(problem, model).unit)
+        [fit] = run_refits(metric, [refit(metric, model.candidate, model.theta_unit)])
+        for view, scale in joint.view_ranges.items():
+            yield run, view, float(
+                joint.view_sizes(fit.prediction - joint.measured, view)[-1]) * scale
 
 
 def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
