@@ -139,11 +139,6 @@ def causes_of(document: VerdictDocument) -> list[CauseEntry]:
     return [cast(CauseEntry, cause) for cause in document['causes'] if 'effect' in cause]
 
 
-def shapes_of(document: VerdictDocument) -> list[ShapeEntry]:
-    """The parts of the misfit that no cause explains."""
-    return [cause for cause in document['causes'] if 'effect' not in cause]
-
-
 COORDINATES = {
     'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
     'rate': 'follows the rate of the load', 'time': 'follows time'}
@@ -187,7 +182,8 @@ def headline(document: VerdictDocument) -> str:
     if not document.get('remainder'):
         return wording.lacking_words(causes) + beside
     rest, gain = document['remainder'][0], document['gain']
-    return wording.lacking_words(causes, wording.rest_words(rest) + _beside(document, rest),
+    moved = [cause['share_of_range'] for cause in causes_of(document)]
+    return wording.lacking_words(causes, wording.rest_words(rest, moved) + _beside(document, rest),
                                  gain['fit'], gain['held_out'], gain['how']) + beside
 
 
@@ -247,7 +243,8 @@ def partial_words(document: VerdictDocument) -> str:
     words = [f'{title_of(cause["effect"])} ({size_of(cause)}) '
              f'{wording.ABSENT if cause.get("may_be_absent") else standing}.'
              for cause in causes_of(document)]
-    shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
+    shapes = '; '.join(shape_words(cause) for cause in document['causes']
+                       if 'effect' not in cause)
     return ' '.join([*words, f'Shape of the residual: {shapes}.' if shapes else '']).strip()
 
 

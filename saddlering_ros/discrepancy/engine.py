@@ -72,6 +72,10 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
     nothing = None if _left_in(search.space, search.space.base, answer.before) else float(
         np.mean([refit.first is None for refit in refits]))
+    # Of established causes beside a remainder that is larger, none may be the main one.
+    rest = max((one.share_of_range for one in answer.remainder), default=0.0)
+    moved = max((cause.visible for cause in causes), default=0.0)
+    listed = min(1.0, moved / max(rest, 1e-300)) ** 2
     return results.Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -98,7 +102,7 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
         probabilities=results.probabilities_of(
-            verdict, causes, 0.0 if is_other else taken, nothing),
+            verdict, causes, 0.0 if is_other else taken, nothing, listed),
         refits=refits,
         near_limit=near_limit,
         influence=influence,

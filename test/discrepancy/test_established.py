@@ -120,6 +120,23 @@ def test_a_main_cause_is_established_and_what_it_leaves_is_stated(seed: int) -> 
     assert interval[0] < answer.gain.held_out < interval[1]
 
 
+def test_a_cause_beside_a_larger_rest_is_named_and_not_called_the_main_one() -> None:
+    """A soft clamp was named as what a beam mainly lacks, whose strain gauge was cut off."""
+    def both(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        level = parameters['slope'] * np.asarray(run.inputs['drive'])
+        return {**simulate(parameters, run), 'level': level}
+
+    runs = [replace(run, outputs={**run.outputs, 'level': np.minimum(
+        3.0 * run.inputs['drive'], 2.5) + STD * np.random.default_rng(number).normal(size=500)})
+            for number, run in enumerate(record(number, 0.1, 0.0) for number in range(4))]
+    answer = diagnose(replace(
+        MODEL, simulate=both, base={**MODEL.base, 'slope': Parameter(1.0, 9.0)},
+        channels={'seen': Channel(), 'level': Channel()}), runs[:3], hold_out=runs[3:])
+    assert answer.headline.startswith('The simulation lacks Dry friction: ')
+    assert '; a larger rest of 4' in answer.headline
+    assert answer.probabilities['friction'] < 0.5 < answer.probabilities['unknown']
+
+
 def test_a_published_size_at_its_bound_is_no_name_beside_model_error() -> None:
     narrow = Effect('Dry friction', {'size': Parameter(-1, 0.3014)})
     assert found(0.3, 0.08, seed=2).verdict == 'named'

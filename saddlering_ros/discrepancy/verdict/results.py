@@ -473,7 +473,7 @@ NOTHING = 0.97
 
 def probabilities_of(
     verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0,
-    nothing: float | None = None,
+    nothing: float | None = None, listed: float = 1.0,
 ) -> dict[str, float]:
     """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
 
@@ -481,14 +481,14 @@ def probabilities_of(
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
     which is 0 where their law may be another. Several share it by a power of their visible sizes,
-    of established ones as far as these are sure.
+    of established ones as far as these are sure. listed: how often the main cause is listed.
     nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
     the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
     sound = nothing if nothing is not None else float(verdict == 'none')
     none = NOTHING * sound if verdict in ('none', 'unknown') else 0.0
     left = float(np.clip(1.0 - taken, 0.0, 1.0 - MIN_TAKEN))
-    chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
+    chance = listed * SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = (MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)) * (1.0 - sound)
     weights = [cause.visible**OPEN_EXPONENT if verdict == 'unknown' else

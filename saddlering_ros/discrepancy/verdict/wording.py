@@ -104,7 +104,8 @@ def headline_of(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence: whether a cause is established, and the largest remainder."""
     if diagnosis.verdict == 'none':
         return 'These data show nothing that the simulation lacks.'
-    rest = ''.join(rest_words(vars(most)) for most in diagnosis.remainder[:1])
+    moved = [cause.visible for cause in diagnosis.causes if not cause.partial]
+    rest = ''.join(rest_words(vars(most), moved) for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
         doubt = doubt_words(diagnosis.probabilities, diagnosis.gain.held_out)
         first = next(iter(diagnosis.causes), None)
@@ -153,18 +154,21 @@ def lacking_words(
         return f'The simulation lacks {joined(causes)}{rest}.'
     share, runs = ((fitted, 'fitted runs') if held_out is None else
                    (held_out, PREDICTED.get(how, 'held-out runs')))
-    return (f'The simulation lacks mainly {joined(causes)}: {percent(share)} of the misfit on '
+    mainly = '' if rest.startswith('; a larger') else 'mainly '
+    return (f'The simulation lacks {mainly}{joined(causes)}: {percent(share)} of the misfit on '
             f'{runs}{rest}.')
 
 
-def rest_words(rest: Mapping[str, Any]) -> str:
+def rest_words(rest: Mapping[str, Any], moved: Sequence[float] = ()) -> str:
     """The end of a headline: '; a rest of 0.4 % of range in delta_y fits no cause'.
 
-    A rest that follows no coordinate is that of a held-out run.
+    moved: shares of range by established causes, which a rest may exceed. A rest that follows no
+    coordinate is that of a held-out run.
     """
+    larger = 'larger ' * (0.0 < max(moved, default=0.0) < rest['share_of_range'])
     of_run = f' of held-out {rest["run"]}' if rest.get('along') == '' else ''
-    return (f'; a rest of {percent(rest["share_of_range"])} of range in {rest["channel"]}{of_run} '
-            'fits no cause')
+    return (f'; a {larger}rest of {percent(rest["share_of_range"])} of range in '
+            f'{rest["channel"]}{of_run} fits no cause')
 
 
 def fit_too_words(remainder: Sequence[Remainder]) -> str:
