@@ -166,8 +166,7 @@ def series_of(
 ) -> ChangeSeries:
     """The series of sessions by name, the base session first; start: its contact law."""
     base, *later = prepared
-    system = sessions.TwoSessions(
-        ring, frozenset(record.run.name for record in prepared[base]))
+    system = sessions.TwoSessions(ring, frozenset(record.run.name for record in prepared[base]))
     problem = discrepancy.Problem(
         system, [record.run for records in prepared.values() for record in records],
         sessions.SETTINGS,

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 import math
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +94,9 @@ class _OpenModels:
         the others promises more, where the system has tangents, which make refits cheap.
         """
         problem, random = self.space.problem, np.random.default_rng(self.space.settings.seed)
+        alone = attrgetter('alone', 'kept')
         rest = sorted((self._counted(proposal, misfits) for proposal, misfits in
-                       self._forecast_each(problem.proposals, random)), key=_worst_last)
+                       self._forecast_each(problem.proposals, random)), key=alone, reverse=True)
         if not isinstance(problem.system, systems.SystemWithTangents):
             return tuple(rest)
         judged, refits = list[Separation](), 0
@@ -105,7 +107,7 @@ class _OpenModels:
                 best = replace(self._counted(
                     best.proposal, self._refitted(best.proposal, random)), refitted=True)
             judged.append(best)
-        return (*sorted(judged, key=_worst_last), *rest)
+        return (*sorted(judged, key=alone, reverse=True), *rest)
 
     def _counted(self, proposal: systems.Proposal, drawn: Iterable[Array]) -> Separation:
         """What a test leaves open, from misfits (fits, draws) with each model as the truth."""
@@ -311,11 +313,6 @@ def _seen_by(
         rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
         views.append((rows[0], ((rows[1:] - rows[0]) / np.array(steps)[:, None]).T))
     return views
-
-
-def _worst_last(answer: Separation) -> tuple[int, int]:
-    """The order of tests."""
-    return -answer.alone, -answer.kept
 
 
 def _whitener(metric: metrics.Metric, proposal: systems.Proposal) -> Whiten:

@@ -103,10 +103,6 @@ class ChannelNoise:
         return replace(self, white=factor * self.white, slow=factor * self.slow,
                        held=factor * self.held, floor=factor * self.floor)
 
-    def of_samples(self, step: float) -> 'ChannelNoise':
-        """The same noise of samples every `step` [s], which are no means of their width."""
-        return replace(self, white=0.0, floor=self.floor + self.white / step)
-
     def with_relaxations(self, variances: Array, time_constants: Array) -> 'ChannelNoise':
         """The same noise plus relaxations of `variances` (T,) with `time_constants` (T,) [s]."""
         return replace(self, slow=np.append(self.slow, variances),
@@ -183,8 +179,7 @@ def allan_columns(scales: Array, time_constants: Array) -> Array:
     """Allan variances (S, 1 + T) of unit white density and of each unit relaxation."""
     ratio = scales[:, None] / time_constants
     exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
-    return np.column_stack(
-        [1.0 / scales, np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6)])
+    return np.column_stack([1.0 / scales, np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6)])
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:

@@ -145,8 +145,7 @@ def observe_with_cell(
         # Noise [N] of the cell: white by the second differences of the load, and the slow part.
         load = one.measured.load
         white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
-        noise = ChannelNoise(
-            white * one.interval, slow, 0.0, max(1, len(load) - 2), COMMON_TIMES)
+        noise = ChannelNoise(white * one.interval, slow, 0.0, max(1, len(load) - 2), COMMON_TIMES)
         answers.append(replace(seen, load_errors=load_errors_of(rig, contact, one, seen, noise)))
     return answers
 

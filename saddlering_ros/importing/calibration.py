@@ -149,7 +149,10 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
             if number > 1:
                 raise ImportingError(f'{path}, line {number}: {line!r} is not two numbers: '
                                      'correct the table') from problem
-            heading = list(map(_unit_of_heading, cells))
+            # 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'.
+            words = [re.findall(r'[\[(]\s*([^\])]+?)\s*[\])]', text)[:1] or text.split()[-1:]
+                     for text in cells]
+            heading = [known_unit(''.join(word)) for word in words]
     if heading[0] not in (None, reading_unit):
         raise ImportingError(f'{path}: its readings are in {heading[0].name}, the map gives the '
                              f'column in {reading_unit.name}: correct one')
@@ -163,12 +166,6 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                              'least two lines: sort the table')
     readings, values = zip(*sorted(rows), strict=True)
     return Table(unit, readings, values, path)
-
-
-def _unit_of_heading(text: str) -> Unit | None:
-    """The unit of 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'."""
-    bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', text)
-    return known_unit(bracket[1] if bracket else text.split()[-1] if text else '')
 
 
 ISO = 'iso'

@@ -60,7 +60,8 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 def causes(document: VerdictDocument) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
-    shapes = [ring_wording.shape_words(shape) for shape in ring_wording.shapes_of(document)]
+    shapes = [ring_wording.shape_words(cause) for cause in document['causes']
+              if 'effect' not in cause]
     return html.section(
         'Causes', html.paragraph('The residual has this shape:' if shapes else ''),
         html.bullets(shapes),

@@ -401,10 +401,7 @@ class GainMetric:
 
 
 def sizes_of_held_out(problem: Problem, model: Fit) -> Iterator[tuple[RunBlocks, str, float]]:
-    """Each held-out run and view, and the rms that a model leaves there, fitted to this run too.
-
-    Fitted runs may not determine what a held-out run needs.
-    """
+    """Held-out runs, views and the rms left there by a model that is fitted to this run too."""
     for run in problem.held_out:
         if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue

@@ -365,8 +365,10 @@ class ModelSystem:
                 raise DiscrepancyError(f'channel {name}: {error}') from None
             for run, record in zip(runs, readings, strict=True):
                 whole = own[run.name]
-                if record.time.size < run.time.size:  # Its own rate, and not that of the run.
-                    whole = whole.of_samples(record.step)
+                # Samples at their own rate, not that of the run, are no means of their width.
+                if record.time.size < run.time.size:
+                    whole = replace(
+                        whole, white=0.0, floor=whole.floor + whole.white / record.step)
                 noise[run.name, number] = whole.times(1.0 / scale**2)
         return noise
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.model import ModelSystem
-from saddlering_ros.discrepancy.problem.system import Parameter
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
 from saddlering_ros.pages import charts, html
@@ -43,7 +42,8 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     base = html.table(
         ['parameter', number('alone'), number('with the causes')],
         [[code(item.name), number(wording.base_words(answer.base_alone, item)),
-          number(wording.base_words(answer.base, item))] for item in _base_of(answer)])
+          number(wording.base_words(answer.base, item))]
+         for item in answer.fits.metric.problem.system.base_parameters])
     limits = html.table(
         ['effect', number('size found nine times in ten'), 'can be tested'],
         [[answer.title_of(item.effect), number(quantity(item.limit, item.unit)),
@@ -58,10 +58,6 @@ def write_page(answer: Diagnosis, path: Path) -> None:
             wording.certainty_document(answer), answer.title_of),
         html.section('Base parameters', base), _misfit(answer, channels),
         html.section('Detection limits of these data', limits)]))
-
-
-def _base_of(answer: Diagnosis) -> Sequence[Parameter]:
-    return answer.fits.metric.problem.system.base_parameters
 
 
 @dataclass(frozen=True)
@@ -188,7 +184,8 @@ def summary_text(diagnosis: Diagnosis) -> str:
             for shape in tests[:4] if shape.p_value < CHANCE)
     lines += ['', 'base parameters (alone -> with the causes):', *(
         f'  {one.name}: {wording.base_words(diagnosis.base_alone, one)} -> '
-        f'{wording.base_words(diagnosis.base, one)}' for one in _base_of(diagnosis))]
+        f'{wording.base_words(diagnosis.base, one)}'
+        for one in diagnosis.fits.metric.problem.system.base_parameters)]
     lines += [f'warning: {warning}' for warning in diagnosis.warnings]
     if not diagnosis.converged:
         lines.append('not converged: a fit on which the verdict rests ended before its optimum')

@@ -65,8 +65,7 @@ MAX_UNSTEADY = 0.35
 """Allowed deviation of a strength beside noise: a line of 0.80 um on four runs passes."""
 
 FOLDED = 0.5
-"""Distance [Hz] from the frequency to which block means fold a faster line, below which a line is
-that one. Rests of one second tell a frequency to a tenth of it."""
+"""Error [Hz] of a line that block means fold: ten times what rests of one second leave."""
 
 HARMONICS = 5
 """Number of multiples of its frequency at which a line of the drive may show in the readings.
@@ -96,26 +95,18 @@ class Line:
     step: float
 
 
-@dataclass(frozen=True)
-class LineSearch:
-    """Result of the search at rest: a line or None, and the amplitude that would be found."""
-
-    line: Line | None
-    limit: float
-
-
 def find_line(
     segments: Sequence[RestSegment], error_rate: float,
     between: tuple[float, float] = (MIN_FREQUENCY, np.inf), min_samples: int = MIN_SAMPLES,
-) -> LineSearch:
+) -> tuple[Line | None, float]:
     """The strongest line that is real at `error_rate`, in the runs with the fastest sampling.
 
-    between: lowest and highest frequency [Hz] of the search. A channel that is still in a stretch
-    has no level of noise, and is not searched.
+    With it the amplitude that would be found. between: lowest and highest frequency [Hz] of the
+    search. A channel that is still in a stretch has no level of noise, and is not searched.
     """
     usable = [segment for segment in segments if segment.values.shape[1] >= min_samples]
     if not usable:
-        return LineSearch(None, np.inf)
+        return None, np.inf
     fastest = min(segment.step for segment in usable)
     usable = [segment for segment in usable if segment.step < 1.05 * fastest]
     lengths = [segment.values.shape[1] for segment in usable]
@@ -124,7 +115,7 @@ def find_line(
         _detrended(segment.values).std(axis=1) > ROUNDING * np.abs(segment.values).max(axis=1)
         for segment in usable], axis=0)
     if not moving.any():
-        return LineSearch(None, np.inf)
+        return None, np.inf
     step = float(np.median([segment.step for segment in usable]))
     size = 2 * 2 ** int(np.ceil(np.log2(max(lengths))))
     frequency = np.fft.rfftfreq(size, step)
@@ -133,7 +124,7 @@ def find_line(
     edge = 4.0 / (step * min(lengths))
     inside = (frequency >= between[0]) & (frequency <= min(between[1], frequency[-1] - edge))
     if not inside.any():
-        return LineSearch(None, np.inf)
+        return None, np.inf
     trials, count = int(moving.sum()) * int(inside.sum()), len(usable)
     # The amplitude that is found nine times in ten in the quietest moving channel. Under a Hann
     # window, an amplitude a over n samples of noise s has a^2 n / (6 s^2) times its power.
@@ -150,7 +141,7 @@ def find_line(
     channel, place = np.unravel_index(int(np.argmax(shown)), shown.shape)
     p_value = float(chance[channel, place])
     if p_value >= error_rate:
-        return LineSearch(None, limit)
+        return None, limit
     around = np.log(power[channel, place - 1 : place + 2])
     bend = around[0] - 2.0 * around[1] + around[2]
     shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
@@ -158,7 +149,7 @@ def find_line(
     amplitude, deviation, worth = _measured(usable, at)
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
     line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
-    return LineSearch(line, limit)
+    return line, limit
 
 
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
@@ -242,13 +233,13 @@ def _in_whole_runs(
     usable = [stretch.segment for stretch in stretches]
     longest = max(map(_duration, usable))
     most = MAX_SHARE * 0.5 / min(segment.step for segment in usable)
-    line = find_line(usable, error_rate, (MIN_PERIODS / longest, most)).line
+    line = find_line(usable, error_rate, (MIN_PERIODS / longest, most))[0]
     if line is None or not line.own.any() or _is_driven(runs, line, error_rate):
         return None
     shown = [segment for segment in usable if segment.step * line.frequency <= 0.5 * MAX_SHARE
              and _duration(segment) * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
-    if fast := find_line(at_rest, error_rate).line:
+    if fast := find_line(at_rest, error_rate)[0]:
         turns = fast.frequency * line.step  # Block means fold a faster line into a slow one.
         if turns > 0.5 and abs(abs(turns - round(turns)) / line.step - line.frequency) < FOLDED:
             return None
@@ -267,7 +258,7 @@ def _in_holds(
     if len(usable) < MIN_HOLDS:
         return None
     least = PIECE_PERIODS / max(map(_duration, usable))
-    line = find_line(usable, error_rate, (least, MIN_FREQUENCY), MIN_HOLD_SAMPLES).line
+    line = find_line(usable, error_rate, (least, MIN_FREQUENCY), MIN_HOLD_SAMPLES)[0]
     if line is None or not line.own.any() or not _is_steady(usable, line):
         return None
     return line, usable
@@ -308,7 +299,7 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
     least = DRIVEN_SHARE * max(float(np.ptp(own)) for own in drives) * float(shares.max())
     for part in range(1, HARMONICS + 1):
         wanted = line.frequency / part
-        swing = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted)).line
+        swing = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted))[0]
         if (swing is not None and abs(swing.frequency - wanted) < 0.05 * wanted
                 and float(swing.amplitude[0]) >= least and _is_steady(usable, swing)):
             return True
@@ -403,13 +394,12 @@ def find_steady_lines(
     for effect in problem.system.effects:
         if not effect.line:
             continue
-        search = find_line(rest, settings.error_rate / trials)
-        seen = bool(np.isfinite(search.limit))
+        line, limit = find_line(rest, settings.error_rate / trials)
+        seen = bool(np.isfinite(limit))
         limits.append(DetectionLimit(
-            effect.id, float(seen), search.limit, search.limit, material, effect.size.unit, seen))
-        if search.line is None:
+            effect.id, float(seen), limit, limit, material, effect.size.unit, seen))
+        if line is None:
             continue
-        line = search.line
         left = line_gain(held_out, line.frequency, line.amplitude * line.own) if held_out else None
         cause = _cause(problem, effect, line, rest, left, 'at rest, its phase free')
         if cause.visible >= settings.materiality:
