@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.diagnosis.verdict import ChannelMisfit, unpredicted
-from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Noise, Parameter, Run
 
 
 def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
@@ -86,3 +86,23 @@ def test_a_ring_is_judged_by_what_validate_allows():
     assert rest.size == pytest.approx(3e-5)
     assert rest.times_noise == pytest.approx(150)
     assert not unpredicted([run(True, 0.3)], units, {('run', 'delta_x'): 8e-7})
+
+
+def test_what_the_other_run_leaves_open_of_the_base_is_no_argument_against_a_cause() -> None:
+    """Without the run that moves the damping is open, and a guess of it drowned the bend."""
+    chance, time = np.random.default_rng(2), np.linspace(0.0, 10.0, 400)
+    load, rate = 5.0 - np.abs(time - 5.0), np.where(time < 5.0, 1.0, -1.0)
+
+    def simulate(p: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        bend = p['bend.size'] * run.inputs['load'] ** 2
+        return {'seen': p['gain'] * run.inputs['load'] + p['damping'] * run.inputs['rate'] + bend}
+
+    runs = [Run(name, time, {'load': load, 'rate': moves},
+                {'seen': 1.2 * load + 2.5 * moves + 0.01 * load ** 2
+                 + chance.normal(0.0, 0.01, time.size)})
+            for name, moves in (('static', 0.0 * rate), ('dynamic', rate))]
+    model = Model(simulate, base={'gain': Parameter(0.5, 2.0), 'damping': Parameter(0.0, 3.0)},
+                  effects={'bend': Effect('Bend', {'size': Parameter(-0.1, 0.1)})},
+                  channels={'seen': Channel(noise=Noise.white(0.01))})
+    gain = diagnose(model, runs).causes[0].gain
+    assert gain.held_out == pytest.approx(gain.fit, abs=0.1)
