@@ -188,10 +188,9 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         if wrong:
             return TaskStatus(WARN, '; '.join(map(str, wrong)))
         rows, self._told_rows = self._stream.rows - self._told_rows, self._stream.rows
-        if not rows and not missing:
-            return TaskStatus(OK, 'no readings in this period')
         if not missing:
-            return TaskStatus(OK, 'all four read' if not absent else
+            return TaskStatus(OK, 'no readings in this period' if not rows else
+                              'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '
                               '(rig.probes.absent), parity unknown')
         channels = ' and '.join(sorted({'delta_x' if number % 2 else 'delta_y and gamma'

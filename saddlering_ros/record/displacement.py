@@ -189,10 +189,7 @@ class DisplacementStream:
         self._asked_after = stamp
 
     def take_missing(self) -> list[int]:
-        """Rows without a reading of each of four probes since the last call.
-
-        Rows at which no pair reads count if no other came, and not between two stretches.
-        """
+        """Rows without each probe since the last call, of those with a pair if there were any."""
         missing = self._missing[int(self._has_read)].tolist()
         self._missing, self._has_read = np.zeros((2, 4), np.int64), False
         return missing

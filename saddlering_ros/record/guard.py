@@ -279,8 +279,7 @@ class SampleGuard:
     def _step_to(self, held: tuple[int, float]) -> None:
         """Note a step to the held sample that the hydraulics cannot make.
 
-        The age of a reading counts from its last change, so that the load after a stall is sound.
-        Stamps that stand still or go back tell nothing of a rate.
+        The age of a reading counts from its last change, and stamps that stand still tell no rate.
         """
         last = self._last
         if last is None or held[0] <= last[0] or not self._follows(last[0], held[0]):

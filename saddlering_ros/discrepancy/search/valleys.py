@@ -69,11 +69,7 @@ def fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) 
 
 
 def fit_at_told_sizes(space: ModelSpace) -> list[Fit]:
-    """Effects whose sizes the system tells by its data, fitted after the base beside that size.
-
-    The base begins at its declared start: a base that imitates the effect would lead the size
-    into its valley.
-    """
+    """Effects of sizes that the data tell: a base that imitates them would lead the sizes away."""
     system, single_fits = space.problem.system, []
     for name, variant, size in getattr(system, 'told', ()):
         for effect in (one for one in system.effects if one.id == name):
