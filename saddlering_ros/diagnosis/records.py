@@ -308,8 +308,8 @@ def check_set(records: Sequence[PreparedRecord], rig: Rig) -> list[str]:
     if len(fitted) == 1:
         notes.append('one run only: the misfit reduction on held-out runs cannot be measured')
     if tests == {'static'}:
-        notes.append('static runs only: D1, D2 and rate-dependent causes cannot be judged; a '
-                     'held-out dynamic run is judged with D1 and D2 fitted to it')
+        notes.append('static runs only: D1, D2 and rate-dependent causes cannot be judged; '
+                     'if these show no cause, a held-out dynamic run is fitted, too')
     if tests == {'dynamic'}:
         notes.append('dynamic runs only: slow effects and loops are hard to tell from damping')
     if len(elevations) == 1:

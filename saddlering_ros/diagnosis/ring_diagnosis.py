@@ -81,15 +81,21 @@ def diagnose_ring(
             on_progress=on_progress and (lambda report: on_progress(
                 replace(report, stage=f'beside waves: {report.stage}'))))
         diagnosis, of_waves = _beside_waves(system, records, diagnosis, beside_waves, watch)
+    if diagnosis.verdict == 'none' and all(run.test == 'static' for run in runs):
+        # Static runs do not determine D, which is fitted to each held-out dynamic run.
+        problem = diagnosis.fits.metric.problem
+        dynamic = {one.run.name for one in records if one.test_run.test == 'dynamic'}
+        own = {run.name: problem.simulate(run, [fit.point])[0] for run, _, fit in
+               discrepancy.refits_to_held_out(problem, diagnosis.fits.after)
+               if run.name in dynamic}
+        diagnosis = replace(diagnosis, runs=tuple(
+            replace(one, before=own[one.run.name], after=own[one.run.name])
+            if one.run.name in own else one for one in diagnosis.runs))
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))
     if diagnosis.verdict == 'none':  # what `validate` would not allow
-        # Static runs do not determine D, which held-out dynamic runs need.
-        refitted = {} if any(run.test == 'dynamic' for run in runs) else {
-            (run.name, view): size for run, view, size in discrepancy.sizes_of_held_out(
-                diagnosis.fits.metric.problem, diagnosis.fits.after)}
-        diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units, refitted))
+        diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = [*of_waves, *_notes(records, rig, diagnosis, law.refusal)]
     watch.progress('notes', 1.0)

@@ -4,7 +4,7 @@ Terminal, report, live page and demo print from the document, and mypy checks th
 read. Sentences that serve a declared model too stand in discrepancy/verdict/wording.py.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 import math
 from typing import Any, cast, TypedDict
 
@@ -202,7 +202,7 @@ def _where(document: VerdictDocument) -> str:
     """Where the misfit is largest over the noise; '' if it is nowhere above it."""
     may_be_none = wording.may_be_none(document.get('probabilities', {}))
     cases = []
-    for name, place, item in _misfits(document.get('runs', [])):
+    for name, place, item in _misfits(document):
         if item['nrmse_before'] and item['noise_floor']:
             errors = math.hypot(item['noise_floor'], item.get('sound') or 0.0)
             cases.append((
@@ -214,16 +214,16 @@ def _where(document: VerdictDocument) -> str:
     return where if ratio > 1.0 else ''
 
 
-def _misfits(runs: Iterable[RunEntry]) -> list[tuple[str, str, ChannelEntry]]:
+def _misfits(document: VerdictDocument) -> list[tuple[str, str, ChannelEntry]]:
     """Channel, run and misfits of every channel of the motion."""
-    return [(name, bag_name(run['bag']), item) for run in runs
+    return [(name, bag_name(run['bag']), item) for run in document.get('runs', [])
             for name, item in run['channels'].items() if name != 'parity']
 
 
 def _beside(document: VerdictDocument, rest: Mapping[str, Any]) -> str:
     """What the model leaves with small errors of the ring, which a rest does not count."""
     most: dict[str, float] = {}
-    for name, _, item in _misfits(document.get('runs', [])):
+    for name, _, item in _misfits(document):
         left = item['nrmse_after'] or 0.0
         if left > math.hypot(rest['share_of_range'], item['noise_floor'] or 0.0):
             most[name] = max(left, most.get(name, 0.0))
@@ -262,12 +262,8 @@ def _sound_words(document: VerdictDocument) -> str:
 
     One beyond what `validate` allows comes first, with the size of a cause that it may hide.
     """
-    runs = document.get('runs', [])
-    # To a held-out dynamic run beside static ones D is fitted, unlike to its prediction.
-    tests = {'static', *(run['test'] for run in runs if not run['held_out'])}
-    seen = _misfits([run for run in runs if run['test'] in tests])
     cases = [(misfit > quantities.allowed_misfit(floor, sound), misfit, floor, sound, name)
-             for name, _, item in seen for misfit, floor, sound in [(
+             for name, _, item in _misfits(document) for misfit, floor, sound in [(
                  item['nrmse_before'] or 0.0, item['noise_floor'] or 0.0,
                  item.get('sound') or 0.0)] if misfit > quantities.allowed_misfit(floor)]
     if not cases:

@@ -266,20 +266,17 @@ def run_figures(
 
 def unpredicted(
     runs: Sequence[RunFigures], units: Mapping[str, str],
-    refitted: Mapping[tuple[str, str], float],
 ) -> list[discrepancy.Remainder]:
-    """Misfits of held-out runs that `validate` does not allow a sound ring.
-
-    refitted: by run and channel, what counts in place of the misfit of the prediction [m, rad].
-    """
+    """Misfits of held-out runs that `validate` does not allow a sound ring."""
     return [
-        discrepancy.Remainder(run.record.run.name, name, share, share / misfit.noise_floor, '',
-                              share * span, units[name])
+        discrepancy.Remainder(
+            run.record.run.name, name, misfit.nrmse_after,
+            misfit.nrmse_after / misfit.noise_floor, '',
+            misfit.nrmse_after * float(np.ptp(run.measured[CHANNELS.index(name)])),
+            units[name])
         for run in runs if run.record.run.held_out for name, misfit in run.channels.items()
-        if name != 'parity' for span in [float(np.ptp(run.measured[CHANNELS.index(name)]))]
-        for share in [refitted.get(
-            (run.record.run.name, name), misfit.nrmse_after * span) / span]
-        if share > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
+        if name != 'parity'
+        and misfit.nrmse_after > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
 
 
 def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:

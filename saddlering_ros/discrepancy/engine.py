@@ -380,13 +380,15 @@ def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[results.Rema
 def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
     """What a model leaves of held-out runs, fitted to them too, beyond what others keep."""
     problem = space.problem
-    for run, view, size in fitting.sizes_of_held_out(problem, model):
-        scale = problem.view_ranges[view]
-        usual = problem.view_sizes(model.prediction - problem.measured, view).max()
-        noise = space.metric.noise_power(run, view) ** 0.5 / scale
-        declared = max(space.settings.materiality, problem.allowed_sizes[view])
-        if size / scale > allowed_misfit(max(usual, noise), material=declared):
-            yield run, view, size / scale, ''
+    for run, joint, fit in fitting.refits_to_held_out(problem, model):
+        for view, scale in problem.view_ranges.items():
+            share = float(joint.view_sizes(fit.prediction - joint.measured, view)[-1])
+            share *= joint.view_ranges[view] / scale
+            usual = problem.view_sizes(model.prediction - problem.measured, view).max()
+            noise = space.metric.noise_power(run, view) ** 0.5 / scale
+            declared = max(space.settings.materiality, problem.allowed_sizes[view])
+            if share > allowed_misfit(max(usual, noise), material=declared):
+                yield run, view, share, ''
 
 
 def _left(

@@ -69,4 +69,6 @@ def test_a_sound_dynamic_run_beside_static_ones_alone_shows_no_cause(campaign):
     dynamic, *static = campaign(runs=('dynamic_50', 'static_50', 'static_70'), seed=7)
     found = diagnose(static, hold_out=[dynamic]).found
     assert (found.verdict, found.diagnosis.complete) == ('none', True)
-    assert 'is judged with D1 and D2 fitted to it' in ' '.join(found.notes)
+    assert 'a held-out dynamic run is fitted, too' in ' '.join(found.notes)
+    shown = found.to_json()['runs'][-1]['channels']['delta_x']
+    assert shown['nrmse_after'] < 2.0 * shown['noise_floor']

@@ -80,12 +80,11 @@ def test_a_ring_is_judged_by_what_validate_allows():
             record=SimpleNamespace(run=SimpleNamespace(name='run', held_out=held_out)))
 
     units = {'delta_x': 'm'}
-    assert not unpredicted([run(True, 0.008), run(False, 0.3)], units, {})
-    [rest] = unpredicted([run(True, 0.3)], units, {})
+    assert not unpredicted([run(True, 0.008), run(False, 0.3)], units)
+    [rest] = unpredicted([run(True, 0.3)], units)
     assert (rest.channel, rest.unit) == ('delta_x', 'm')
     assert rest.size == pytest.approx(3e-5)
     assert rest.times_noise == pytest.approx(150)
-    assert not unpredicted([run(True, 0.3)], units, {('run', 'delta_x'): 8e-7})
 
 
 def test_what_the_other_run_leaves_open_of_the_base_is_no_argument_against_a_cause() -> None:

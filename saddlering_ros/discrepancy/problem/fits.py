@@ -400,17 +400,15 @@ class GainMetric:
         return self.problem.in_views(columns) / self.unit
 
 
-def sizes_of_held_out(problem: Problem, model: Fit) -> Iterator[tuple[RunBlocks, str, float]]:
-    """Held-out runs, views and the rms left there by a model that is fitted to this run too."""
+def refits_to_held_out(problem: Problem, model: Fit) -> Iterator[tuple[RunBlocks, Problem, Fit]]:
+    """Each held-out run, the problem in which it is the last fitted one, and the model there."""
     for run in problem.held_out:
         if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue
         joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
         metric = GainMetric(joint, GainMetric.about(problem, model).unit)
         [fit] = run_refits(metric, [refit(metric, model.candidate, model.theta_unit)])
-        for view, scale in joint.view_ranges.items():
-            yield run, view, float(
-                joint.view_sizes(fit.prediction - joint.measured, view)[-1]) * scale
+        yield run, joint, fit
 
 
 def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
