@@ -48,6 +48,11 @@ DRAWS = 128
 """Number of draws of waves. Their errors of deviations are 6 %."""
 
 
+SEEN = 5.99
+"""Twice the logarithm of the likelihood ratio from which waves count: 95 % quantile of chi square
+of size and power. Even rings reach 1.4."""
+
+
 @dataclass(frozen=True)
 class Waves:
     """Standard deviation of each wave (W,), in WAVE, and the share of the misfit they explain."""
@@ -69,7 +74,7 @@ class Waves:
 
 
 def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves:
-    """The waves that whitened residuals (R,) show; their sizes are 0 if they explain too little.
+    """The waves that whitened residuals (R,) show, or sizes of 0 where they need none.
 
     sound (M, R), waves (W, R): changes of the residuals by small errors of a sound ring and by
     each wave; freedom: of the residuals. All are what the free parameters cannot imitate.
@@ -89,7 +94,7 @@ def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves
         found.append((float(deviance[place]), float(noise[place, 0]), sizes))
     least, remains, sizes = min(found, key=lambda one: one[0])
     share = (power / freedom - remains) / max(power / freedom - 1.0, 1e-12)
-    if share < EXPLAINED or not sizes.any():
+    if share < EXPLAINED or found[0][0] - least < SEEN:
         return Waves(0.0 * sizes, min(max(share, 0.0), 1.0))
     weights = np.exp(0.5 * (least - np.array([deviance for deviance, _, _ in found])))
     variances = weights @ np.array([sizes**2 for _, _, sizes in found]) / weights.sum()

@@ -12,7 +12,7 @@ from saddlering_ros.bags.reader import read_run
 from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.raceways import roller_effects
+from saddlering_ros.identification.raceways import roller_effects, waves_of
 from saddlering_ros.identification.result import identification_text, parameter_words
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.identification.uncertainty import MAX_SOUND
@@ -67,6 +67,14 @@ def test_even_raceways_show_no_waves(found):
     assert found.waves.rms == 0.0
     assert found.reasons == found.reasons_even
     assert not any('raceway_waves' in shares for shares in found.budget.values())
+
+
+def test_noise_alone_shows_no_waves():
+    """With a misfit of 0.98 times the noise, waves explained 100 % of what was beyond it."""
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        residual, waves = random.standard_normal(2000), random.standard_normal((24, 2000))
+        assert waves_of(residual, np.zeros((1, 2000)), waves / 10.0, 2000).rms == 0.0
 
 
 def runs_with(effects):
