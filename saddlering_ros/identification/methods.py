@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 import time
 
 import numpy as np
@@ -187,6 +187,12 @@ class _Search:
             share = step.iteration / max(step.iterations, 1)
             self.on_progress(Progress(
                 'identify', stage, share, f'best {step.best_objective:.4g}', step))
+
+    def watch(self, stage: str, step: SearchStep) -> None:
+        """Report that work at a step goes on; Cancelled on request."""
+        if self.cancelled:
+            raise Cancelled
+        self.report(stage, step)
 
     def run_swarm(
         self, stage: str, objective: WeightedObjective | objectives.PaperObjective,
@@ -389,18 +395,20 @@ def _beside_waves(search: _Search, law: ContactParameters) -> FittedLaw | None:
         contact = law.to_array()
         even = WeightedObjective(search.rig, search.observations(law), search.settings.channels
                                  ).with_settled_plateaus(contact)
-        errors = errors_of_ring(even, objectives.stay_at(even, space, law))
+        before = objectives.stay_at(even, space, law)
+        watch = partial(search.watch, 'beside waves', before.as_step(number))
+        errors = errors_of_ring(even, before, watch)
         if not errors.waves.rms:
             return None
-        objective = beside_waves(even, contact, errors, others, seed + number)
+        objective = beside_waves(even, contact, errors, others, seed + number, watch)
         best = refine(objective, space, space.coordinates(contact), search.is_cancelled)
         law = best.law
         search.evaluations += objective.evaluations
-        search.report('beside waves', best.as_step(number + 1))
+    watch = partial(search.watch, 'beside waves', best.as_step(PASSES))
     trust = assess(
         objective, space, best,
-        errors_beside(objective, best, errors.waves, others, seed + PASSES), search.bounds,
-        MISFIT_ADVICE['default'])
+        errors_beside(objective, best, errors.waves, others, seed + PASSES, watch),
+        search.bounds, MISFIT_ADVICE['default'])
     is_explained = (trust.reduced_chi_square <= MAX_SOUND**2
                     and np.abs(objective.likely(best.contact)[:len(others)]).max() <= USUAL)
     return FittedLaw(**vars(trust), contact=law, at_bound=_at_bound(space, best)) if (

@@ -54,6 +54,17 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
     return np.asarray(_means(observation, moving) - zero)
 
 
+OnWork = Callable[[], None]
+"""Is called while simulations go on; what it raises ends them."""
+
+
+def idle() -> None:
+    """Report nothing."""
+
+
+AT_ONCE = 8
+"""Number of small errors of a run that are simulated at a time, between reports."""
+
 BEFORE = 1.0
 """Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
 
@@ -203,9 +214,15 @@ class WeightedObjective:
             else replace(one.coarse(), displacement=one.displacement - increments[0])
             for one, increments, length in zip(self.observations, settling, lengths, strict=True)])
 
-    def changes(self, contact: Array, errors: Sequence[SmallError]) -> list[Array]:
+    def changes(
+        self, contact: Array, errors: Sequence[SmallError], on_work: OnWork = idle) -> list[Array]:
         """Changes (M, 3, N) of the increments of each run by each of M small errors."""
-        return [changes_by(self.rig, contact, one, errors) for one in self.observations]
+        parts = []
+        for first in range(0, len(errors), AT_ONCE):
+            parts.append([changes_by(self.rig, contact, one, errors[first:first + AT_ONCE])
+                          for one in self.observations])
+            on_work()
+        return [np.concatenate(of_run) for of_run in zip(*parts, strict=True)]
 
     def beside(self, draws: Sequence[Array], further: Array) -> 'WeightedObjective':
         """The same beside errors that all runs share, which are no parameters of the fit.

@@ -16,7 +16,14 @@ import numpy as np
 
 from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, WAVES
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.identification.objective import BEFORE, predict, Refinement, WeightedObjective
+from saddlering_ros.identification.objective import (
+    BEFORE,
+    idle,
+    OnWork,
+    predict,
+    Refinement,
+    WeightedObjective,
+)
 from saddlering_ros.rig import Displacement
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
 from saddlering_ros.ring.small_errors import compressed, known_errors, scatter_columns, SmallError
@@ -121,10 +128,11 @@ class RingErrors:
         return np.vstack([self.rollers, self.known])
 
 
-def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors:
+def errors_of_ring(
+    objective: WeightedObjective, best: Refinement, on_work: OnWork = idle) -> RingErrors:
     """Errors of a fit on even raceways, and the waves that its misfit shows."""
     rollers, known = _sound_errors(objective, best.contact)
-    each = objective.whiten(objective.changes(best.contact, EACH_WAVE))
+    each = objective.whiten(objective.changes(best.contact, EACH_WAVE, on_work))
     waves = waves_of(
         unlike(best, objective.residuals(best.contact[None])[0]),
         unlike(best, compressed(np.vstack([rollers, known]).T).T), unlike(best, each),
@@ -134,21 +142,21 @@ def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors
 
 def beside_waves(
     objective: WeightedObjective, contact: Array, errors: RingErrors, others: Sequence[SmallError],
-    seed: int,
+    seed: int, on_work: OnWork,
 ) -> WeightedObjective:
     """The objective beside other errors, those of a sound ring, and draws of the waves."""
     return objective.beside(
-        objective.changes(contact, errors.waves.drawn(seed)),
-        np.vstack([objective.whiten(objective.changes(contact, others)), errors.sound]))
+        objective.changes(contact, errors.waves.drawn(seed), on_work),
+        np.vstack([objective.whiten(objective.changes(contact, others, on_work)), errors.sound]))
 
 
 def errors_beside(
     objective: WeightedObjective, best: Refinement, waves: Waves, others: Sequence[SmallError],
-    seed: int,
+    seed: int, on_work: OnWork,
 ) -> RingErrors:
     """Errors of a fit beside waves, of which others are drawn."""
     rollers, known = _sound_errors(objective, best.contact)
-    drawn, further = (objective.whiten(objective.changes(best.contact, errors))
+    drawn, further = (objective.whiten(objective.changes(best.contact, errors, on_work))
                       for errors in (waves.drawn(seed), others))
     return RingErrors(
         rollers, known, waves, (drawn - drawn.mean(axis=0)) / math.sqrt(DRAWS - 1),

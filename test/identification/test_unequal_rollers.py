@@ -129,9 +129,10 @@ def test_no_law_beside_waves_is_stated_where_they_do_not_explain_the_misfit(caus
 
 
 def test_a_search_that_is_cancelled_beside_waves_keeps_the_law_of_even_raceways():
+    """Draws of the waves take seconds a run: reports and the cancel come between them."""
     stages = []
     found = identify(wavy_runs(1), RIG, SHORT, on_progress=lambda at: stages.append(at.stage),
-                     is_cancelled=lambda: 'beside waves' in stages)
+                     is_cancelled=lambda: stages.count('beside waves') == 2)
     assert found.cancelled
     assert found.beside_waves is None
     assert found.status.startswith('cancelled: the law of even raceways')
