@@ -85,8 +85,7 @@ def tasks_of(
 ) -> list[SessionTask]:
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
-    effects = tuple(sorted(origin.sha256 for origin in origins()))  # of the user's own files
-    program = versions_in_use()
+    effects, program = _own_effects(), versions_in_use()
     tasks: dict[str, SessionTask] = {}
     for session in sessions:
         base = base_of(session, sessions)
@@ -106,6 +105,11 @@ def tasks_of(
             effects, compute, '' if reports is None else str(reports.resolve()), session.problem,
             program=program, seconds=seconds, memory=memory))
     return list(tasks.values())
+
+
+def _own_effects() -> tuple[str, ...]:
+    """Hashes of the user's own effect files that this process uses."""
+    return tuple(sorted(origin.sha256 for origin in origins()))
 
 
 def run(task: SessionTask, on_progress: OnProgress) -> dict[str, Any]:
@@ -137,7 +141,7 @@ def _changed(task: SessionTask) -> str:
               for name, version in task.program.items() if here.get(name) != version]
     if others:
         return f'this worker runs other versions than the campaign ({", ".join(others)})'
-    if tuple(sorted(origin.sha256 for origin in origins())) != task.effects:
+    if _own_effects() != task.effects:
         return 'the effect files of SADDLERING_EFFECTS are not those of the campaign'
     try:
         if task.rig and sha256_of_file(task.rig) != task.rig_sha256:
