@@ -354,8 +354,8 @@ class System(Protocol):
     """A simulator with its base parameters and the causes that it could lack.
 
     A simulator whose inputs may be wrong, such as the dimensions in a file, has their errors as
-    effects in `inputs` too. They are possible causes where something is wrong. `units`, if it has
-    them, are the units of the views by name.
+    effects in `inputs` too, as possible causes where something is wrong. `units`, if it has them,
+    are the units of the views by name, and `told` effects, variants and sizes that runs show.
     """
 
     @property
