@@ -241,7 +241,8 @@ def identify(
         beside = _beside_waves(search, found.contact)
     except Cancelled:
         return replace(found, cancelled=True,
-                       status='cancelled: the law of even raceways, without that beside waves')
+                       status='cancelled: the law of even raceways is complete, that beside waves '
+                              'is not')
     named = [] if beside is None else [
         name for name, is_determined in beside.determined.items() if is_determined]
     words = [f'{", ".join(named)} are determined beside such waves'] if named else []

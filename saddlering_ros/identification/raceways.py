@@ -26,7 +26,14 @@ from saddlering_ros.identification.objective import (
 )
 from saddlering_ros.rig import Displacement
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
-from saddlering_ros.ring.small_errors import compressed, known_errors, scatter_columns, SmallError
+from saddlering_ros.ring.small_errors import (
+    certified_errors,
+    compressed,
+    KNOWN,
+    known_errors,
+    scatter_columns,
+    SmallError,
+)
 
 WAVE = 1e-6
 """Size [m] by which waves are simulated."""
@@ -144,23 +151,33 @@ def beside_waves(
     objective: WeightedObjective, contact: Array, errors: RingErrors, others: Sequence[SmallError],
     seed: int, on_work: OnWork,
 ) -> WeightedObjective:
-    """The objective beside other errors, those of a sound ring, and draws of the waves."""
-    return objective.beside(
-        objective.changes(contact, errors.waves.drawn(seed), on_work),
-        np.vstack([objective.whiten(objective.changes(contact, others, on_work)), errors.sound]))
+    """The objective beside other errors, those of a sound ring, and draws of the waves.
+
+    Those of certificates come last of the others.
+    """
+    stated = [error for source, error in certified_errors(objective.rig).items()
+              if source not in KNOWN]
+    further = objective.changes(contact, [*others, *stated], on_work)
+    return objective.beside(objective.changes(contact, errors.waves.drawn(seed), on_work),
+                            np.vstack([objective.whiten(further), errors.sound]))
 
 
 def errors_beside(
     objective: WeightedObjective, best: Refinement, waves: Waves, others: Sequence[SmallError],
     seed: int, on_work: OnWork,
 ) -> RingErrors:
-    """Errors of a fit beside waves, of which others are drawn."""
+    """Errors of a fit beside waves, of which others are drawn.
+
+    others: of the rig; those of certificates are no part of them.
+    """
     rollers, known = _sound_errors(objective, best.contact)
+    stated = certified_errors(objective.rig)
+    is_open = np.tile([source not in stated for source in KNOWN], 2)
     drawn, further = (objective.whiten(objective.changes(best.contact, errors, on_work))
                       for errors in (waves.drawn(seed), others))
     return RingErrors(
         rollers, known, waves, (drawn - drawn.mean(axis=0)) / math.sqrt(DRAWS - 1),
-        np.vstack([known, further]))
+        np.vstack([known[is_open], further]))
 
 
 def _sound_errors(objective: WeightedObjective, contact: Array) -> tuple[Array, Array]:

@@ -161,9 +161,10 @@ def identification_text(identification: Identification) -> str:
 
 def beside_waves_words(rms: float) -> str:
     """What the contact law beside waves of an rms [m] is."""
-    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. The '
-            'parameters above move even raceways as the ring moved. Those beside the waves are '
-            'the contact law of its rollers.')
+    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. A '
+            'ring with even raceways and the parameters above moves as this ring does. The '
+            'parameters beside the waves are the contact law of its rollers. Their intervals also '
+            'allow for small imperfections of the rig.')
 
 
 def _lines_beside_waves(law: FittedLaw | None) -> Iterator[str]:

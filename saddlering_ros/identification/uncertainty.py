@@ -37,10 +37,12 @@ IMPERFECTIONS: Mapping[str, SmallError] = {
 """Small errors that no fit can detect; the change of the parameters by each is reported."""
 
 def usual_errors(rig: Rig) -> list[SmallError]:
-    """Small errors of a rig beside which a law beside waves is fitted, one deviation of each."""
-    return [*IMPERFECTIONS.values(), *certified_errors(rig).values(),
-            {'moment_arm': {'offset': MOMENT_ARM}},
-            {'load_offset': {'offset': LOAD_OFFSET * rig.full_scale_load}}]
+    """One deviation of each small error of a rig of which no certificate states another one."""
+    errors: list[SmallError] = [
+        *IMPERFECTIONS.values(), {'moment_arm': {'offset': MOMENT_ARM}},
+        {'load_offset': {'offset': LOAD_OFFSET * rig.full_scale_load}}]
+    stated = {name for error in certified_errors(rig).values() for name in error}
+    return [error for error in errors if not stated & error.keys()]
 
 
 MOMENT_ARM, LOAD_OFFSET = 2e-3, 5e-4

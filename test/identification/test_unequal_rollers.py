@@ -18,7 +18,7 @@ from saddlering_ros.identification.settings import IdentificationSettings, Swarm
 from saddlering_ros.identification.uncertainty import MAX_SOUND
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.report.chapters import identified
-from saddlering_ros.rig import default_rig, PARAMETER_NAMES, TRUE_TO_SCALE
+from saddlering_ros.rig import default_rig, Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
 
 SEED = 4
 RIG = default_rig()
@@ -109,6 +109,13 @@ def test_the_law_beside_waves_is_that_of_the_contacts(wavy):
     assert np.sqrt(np.mean(off[:, [0, 3]] ** 2)) < 0.05
     assert np.sqrt(np.mean(over_stated**2)) < 1.5
     assert 'K1, n1, D1, K2, n2, D2 are determined beside such waves' in wavy[0].status
+
+
+def test_a_certificate_takes_the_place_of_a_usual_error(wavy):
+    """The error of a certificate was counted twice, beside the usual one: 10 % more of K1."""
+    rig = replace(RIG, instruments=Instruments(load_gain=0.005))  # as large as the usual one
+    certified = identify(wavy_runs(1), rig, SHORT).beside_waves
+    assert certified.std == pytest.approx(wavy[0].beside_waves.std, rel=0.06)  # as the draws
 
 
 def test_text_json_and_report_state_the_law_beside_waves(wavy):
