@@ -161,9 +161,9 @@ def identification_text(identification: Identification) -> str:
 
 def beside_waves_words(rms: float) -> str:
     """What the contact law beside waves of an rms [m] is."""
-    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. A '
-            'ring with even raceways and the parameters above moves as this ring does. The '
-            'parameters beside the waves are the contact law of its rollers. Their intervals also '
+    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. With '
+            'the parameters above a ring with even raceways comes nearest to the measurement. The '
+            'parameters beside the waves are the contact law of the rollers. Their intervals also '
             'allow for small imperfections of the rig.')
 
 
