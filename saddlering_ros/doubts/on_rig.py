@@ -12,7 +12,7 @@ import numpy as np
 
 from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.comparison import rig_in_words
-from saddlering_ros.doubts.readings import absent_topic, LENGTH_UNITS, other_clocks
+from saddlering_ros.doubts.readings import LENGTH_UNITS
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Floats
@@ -111,7 +111,7 @@ def findings_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[Finding]:
     """Probable faults of a run on this rig: wiring, zero, kind, units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
     findings = wiring_findings(rig, run.elevation, run.load, run.gaps)
-    if not findings and not other_clocks(record, absent_topic(rig)):
+    if not findings and run.has_one_clock:
         findings = _elevation(rig, run, must_be_sure=True)
         if not rig.probes.absent:
             findings += [*parity_findings(rig, run.load, run.gaps),

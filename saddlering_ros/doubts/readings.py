@@ -329,7 +329,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                        f'unit or the rate of its time{noted}')
     findings += clock_findings(
         qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS], seconds)
-    findings += other_clocks(record, absent)
+    findings += (apart := other_clocks(record, absent))
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
@@ -347,7 +347,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         spikes=_spikes(load, possible, qualities), quality=qualities, others=others,
         details=facts.details, used=used, published=published,
         probe_marks=_marks_of(guards[1:], load.stamps),
-        load_marks=_marks_of(guards[:1], load.stamps, to_next=True),
+        load_marks=_marks_of(guards[:1], load.stamps, to_next=True), has_one_clock=not apart,
         absent=0 if rig is None else rig.probes.absent)
 
 

@@ -101,6 +101,7 @@ class Record:
     published: Mask | None = None  # (N,): rows that live nodes publish after it; None: the same
     probe_marks: Bits | None = None  # (N,): validity by refused readings of probes; None: none
     load_marks: Bits | None = None  # (N,): the same by refused or doubtful loads
+    has_one_clock: bool = True  # no topic is stamped by another clock than the others
     absent: int = 0  # radial probe that the rig lacks; its gaps mirror the other; 0: it has all
 
     def without_spikes(self) -> 'Record':

@@ -12,6 +12,7 @@ import pytest
 from saddlering_ros.bags.reader import bag_info, read_raw, read_run
 from saddlering_ros.bags.wire import DISPLACEMENT_TYPE, encode
 from saddlering_ros.bags.write import BagWriter, MessageBlock, messages_of, write_bag
+from saddlering_ros.doubts import on_rig, readings
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
@@ -43,6 +44,16 @@ def test_an_older_bag_whose_nodes_had_another_elevation_has_a_note(
                 'elevation': math.radians(degrees)}))])
     words = 'the bag states 50 deg, and nodes meanwhile had another: /ring/displacement (70.00 deg'
     assert sum(words in one for one in bag_info(tmp_path / 'bag').notes) == said
+
+
+def test_the_clocks_of_the_topics_of_a_bag_are_compared_once(recording, tmp_path, monkeypatch):
+    compared = []
+    own = readings.other_clocks
+    for module in (readings, on_rig):
+        monkeypatch.setattr(module, 'other_clocks', lambda *given: compared.append(given) or own(
+            *given), raising=False)
+    read_run(recording.write(tmp_path / 'bag'), rig=RIG)
+    assert len(compared) == 1
 
 
 def test_a_sound_ramp_has_no_note():
