@@ -299,10 +299,12 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         if raw.topic != absent:
             findings += [*raw.notes, *_probe_findings(raw, aligned)]
     for raw, guard in zip(topics, guards, strict=True):
-        counts = {reason.replace('_', ' '): number
-                  for reason, number in guard.counters.refused.items()}
+        counts = guard.counters.refused
         if raw.topic != absent and counts:
-            words = ', '.join(f'{number} {reason}' for reason, number in counts.items())
+            words = ', '.join(
+                ': '.join(filter(None, (f'{number} {reason.replace("_", " ")}',
+                                        guard.limits.words(reason))))
+                for reason, number in counts.items())
             findings.append(Finding(
                 f'{sum(counts.values())} samples are refused, as live nodes refuse them '
                 f'({words}): validity marks what is interpolated across them, and identification '

@@ -112,7 +112,8 @@ class RingDisplacementNode(streaming_node.StreamingNode):
             diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
             diagnostics.FunctionTask('clocks', self._clocks_status),
             *self._saturation, diagnostics.FunctionTask('parity', self._parity_status),
-            self._agreement, self.sources(), self.events(self._stream.events, ('reordered',))]
+            self._agreement, self.sources(),
+            self.events(self._stream.events, ('reordered',), self._stream.guards)]
 
     def connect(self) -> None:
         wanted = self.settings['input_reliability']

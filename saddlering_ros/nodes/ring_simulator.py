@@ -113,7 +113,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
             diagnostics.FunctionTask('elevation', self._elevation_status), self._agreement,
             self.sources(),
             self.events(lambda: vars(self._stream.guard.counters) | vars(self._stream.counters),
-                        harmless=('reordered',))]
+                        ('reordered',), lambda: [self._stream.guard])]
 
     def connect(self) -> None:
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, task=self._stream_task,

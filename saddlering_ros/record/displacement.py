@@ -15,7 +15,7 @@ from saddlering_ros.errors import BagError
 from saddlering_ros.record import batches
 from saddlering_ros.record.aligner import Aligner
 from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Floats, Mask, Samples
-from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
+from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import geometry, Rig
@@ -160,11 +160,8 @@ class DisplacementStream:
         self._rig = rig
         self._max_gap = round(max_gap * batches.SECOND)
         self.aligner = Aligner(dead_after=batches.DEAD_AFTER_NS)
-        self.counters = GuardCounters()
-        self._load_guard = SampleGuard(load_limits(rig), self.counters)
-        self._gap_guards = [
-            SampleGuard(probe_limits(rig), self.counters if number in rig.probes.present
-                        else GuardCounters()) for number in (1, 2, 3, 4)]
+        self._load_guard = SampleGuard(load_limits(rig))
+        self._gap_guards = [SampleGuard(probe_limits(rig)) for _ in range(4)]
         self.elevation = float('nan')
         self.recording = batches.ANY_TIME
         self._missing, self._has_read = np.zeros((2, 4), np.int64), False  # without, with a pair
@@ -194,10 +191,16 @@ class DisplacementStream:
         self._missing, self._has_read = np.zeros((2, 4), np.int64), False
         return missing
 
+    def guards(self) -> list[SampleGuard]:
+        """Those of the load and of the probes of the rig."""
+        return [self._load_guard, *(self._gap_guards[number - 1]
+                                    for number in self._rig.probes.present)]
+
     def events(self) -> dict[str, int]:
-        """Counts of the guard and of the aligner by name; counts of both are added."""
-        counts = Counter(vars(self.counters))
-        counts.update(vars(self.aligner.counters))
+        """Counts of the guards and of the aligner by name; counts of all are added."""
+        counts = Counter[str]()
+        for counters in (*(guard.counters for guard in self.guards()), self.aligner.counters):
+            counts.update(vars(counters))
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
     def push(

@@ -18,10 +18,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.quantities import quantity
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, GAP_HISTORY, Samples
 from saddlering_ros.record.scratch import blocks, GrowingArray
-from saddlering_ros.record.topics import LOAD_TOPIC
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBES
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
@@ -49,20 +50,29 @@ SHORT = 32
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """Range of a possible reading: low to high."""
+    """Range of a possible reading: low to high, in `unit`."""
 
     low: float
     high: float
     rate: float = math.inf  # [1/s]
     noise: float = math.inf  # a change by more than noise + rate * dt is a leap
     step: float = math.inf  # a lasting change by more than step + rate * dt is doubtful
+    unit: str = ''
+
+    def words(self, reason: str) -> str:
+        """The limit that a sample passed which a counter of the guard counts; '' for none."""
+        if reason == 'impossible':
+            return f'limits {quantity(self.low, self.unit)} and {quantity(self.high, self.unit)}'
+        change = {'leaps_of_reading': self.noise, 'doubtful_load': self.step}.get(reason)
+        return '' if change is None else (f'limit {quantity(change, self.unit)} + '
+                                          f'{quantity(self.rate, self.unit)}/s')
 
 
 def load_limits(rig: Rig) -> ReadingLimits:
     """Limits of the cylinder's load [N]."""
     full = rig.full_scale_load
     return ReadingLimits(-MAX_PULL * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
-                         NOISE_SHARE * full, STEP_SHARE * full)
+                         NOISE_SHARE * full, STEP_SHARE * full, LOAD.unit)
 
 
 def probe_limits(rig: Rig) -> ReadingLimits:
@@ -73,7 +83,8 @@ def probe_limits(rig: Rig) -> ReadingLimits:
     """
     low, span = rig.probes.min_range, rig.probes.max_range - rig.probes.min_range
     return ReadingLimits(
-        low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span)
+        low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span,
+        unit=PROBES[0].unit)
 
 
 def limits_of(topic: str, rig: Rig) -> ReadingLimits:
@@ -138,10 +149,9 @@ class SampleGuard:
     bridges: stamps [ns] of the sound readings around each refused one that was not yet passed.
     """
 
-    def __init__(self, limits: ReadingLimits, counters: GuardCounters | None = None, *,
-                 remembered: int = MAX_REMEMBERED) -> None:
+    def __init__(self, limits: ReadingLimits, *, remembered: int = MAX_REMEMBERED) -> None:
         self.limits = limits
-        self.counters = counters or GuardCounters()
+        self.counters = GuardCounters()
         self._remembered = remembered
         self.bridges: list[tuple[int, int]] = []
         self.doubtful = Steps()

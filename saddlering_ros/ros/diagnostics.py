@@ -240,24 +240,36 @@ def sources_status(publishers: Mapping[str, int], unheard: Sequence[str] = ()) -
 
 
 class Events:
-    """Counted mishaps by name; a count that grew during the period is a warning."""
+    """Counted mishaps by name; a count that grew during the period is a warning.
+
+    places: parts of counts by name and place, a topic with the limit that was passed.
+    """
 
     name = 'events'
 
-    def __init__(self, source: Callable[[], dict[str, int]], harmless: Iterable[str] = ()) -> None:
-        self._source = source
+    def __init__(self, source: Callable[[], dict[str, int]], harmless: Iterable[str] = (),
+                 places: Callable[[], dict[tuple[str, str], int]] = dict) -> None:
+        self._source, self._places = source, places
         self._harmless = frozenset(harmless)
-        self._before: dict[str, int] = {}
+        self._before: dict[Any, int] = {}
 
     def report(self, elapsed: float) -> TaskStatus:
-        counts = self._source()
-        grown, in_all = (', '.join(
-            f'{count - since.get(name, 0)} {name.replace("_", " ")}'
-            for name, count in counts.items()
-            if count > since.get(name, 0) and name not in self._harmless)
-            for since in (self._before, {}))
-        self._before = dict(counts)
-        figures = {name: str(count) for name, count in counts.items()}
+        counts, places = self._source(), self._places()
+
+        def grown_since(before: Mapping[Any, int]) -> str:
+            where = {name: '; '.join(place for (event, place), count in places.items()
+                                     if event == name and count > before.get((event, place), 0))
+                     for name in counts}
+            return ', '.join(
+                f'{count - before.get(name, 0)} {name.replace("_", " ")}'
+                + (f' ({where[name]})' if where[name] else '')
+                for name, count in counts.items()
+                if count > before.get(name, 0) and name not in self._harmless)
+
+        grown, in_all = grown_since(self._before), grown_since({})
+        self._before = {**counts, **places}
+        figures = {name: str(count) for name, count in counts.items()} | {
+            f'{name} on {place}': str(count) for (name, place), count in places.items() if count}
         if grown:
             return TaskStatus(WARN, grown, figures)
         earlier = f' since the last report; before, {in_all}' if in_all else ''

@@ -26,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError, UNUSABLE
+from saddlering_ros.record.guard import SampleGuard
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
 from saddlering_ros.ros.diagnostics import FunctionTask, OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
@@ -176,10 +177,22 @@ class StreamingNode(LifecycleNode):
             {flow.topic: flow.publishers() for flow in self.inputs},
             [flow.unheard for flow in self.inputs if flow.unheard]))
 
-    def events(self, counts: Callable[[], dict[str, int]], harmless: Sequence[str] = ()) -> Task:
-        """The task that counts mishaps, messages that could not be read among them."""
-        return diagnostics.Events(lambda: {
-            **counts(), 'malformed': sum(flow.malformed for flow in self.inputs)}, harmless)
+    def events(self, counts: Callable[[], dict[str, int]], harmless: Sequence[str] = (),
+               guards: Callable[[], Sequence[SampleGuard]] = tuple) -> Task:
+        """The task that counts mishaps, messages that could not be read among them.
+
+        guards: of the first inputs, by which a refused sample has its topic and its limit.
+        """
+        def places() -> dict[tuple[str, str], int]:
+            found = {('malformed', flow.topic): flow.malformed for flow in self.inputs}
+            for flow, guard in zip(self.inputs, guards(), strict=False):
+                found |= {(name, ': '.join(filter(None, (flow.topic, guard.limits.words(name))))):
+                          count for name, count in vars(guard.counters).items()}
+            return found
+
+        return diagnostics.Events(
+            lambda: {**counts(), 'malformed': sum(flow.malformed for flow in self.inputs)},
+            harmless, places)
 
     def offer(self, kind: Any, name: str, act: Callable[[Any], str]) -> None:
         """Serve `name` while the node is active; `act` gives the words, NodeError refuses."""

@@ -248,8 +248,8 @@ def test_a_spike_costs_itself_and_is_counted(tmp_path, recording):
     sound = read_run(recording.write(tmp_path / 'sound'))
     kept = seen.without_spikes()
     (of_load,) = (note for note in seen.notes if note.startswith(f'{LOAD_TOPIC}: 1 samples are'))
-    assert '(1 impossible)' in of_load
-    assert sum('(1 leaps of reading)' in note for note in seen.notes) == 1
+    assert '(1 impossible: limits -24.5 kN and 368 kN)' in of_load
+    assert sum('(1 leaps of reading: limit 20.0 µm + ' in note for note in seen.notes) == 1
     assert sum('1 of its readings are spikes' in note for note in seen.notes) == 1
     assert np.array_equal(seen.stamps, np.delete(sound.stamps, 400))
     lost = np.isnan(kept.gaps[2]) & ~np.isnan(seen.gaps[2])

@@ -22,6 +22,7 @@ from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.record.batches import SECOND
+from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
@@ -95,6 +96,29 @@ def test_a_refused_reading_is_a_warning_of_the_same_period_and_of_no_later_one()
     assert (later.level, later.figures['impossible']) == (OK, '1')
     assert later.words == ('nothing lost, late or dropped since the last report; before, '
                            '1 impossible')
+
+
+def test_a_refused_reading_is_told_with_its_topic_and_the_limit_that_it_passed(record) -> None:
+    """'1 impossible' told neither which of five topics it was nor what is possible."""
+    stream = DisplacementStream(default_rig())
+    gaps = [record.gaps[0], np.where(np.arange(len(record.stamps)) == 9, 1.0, record.gaps[1]),
+            *record.gaps[2:]]
+    flows = [SimpleNamespace(topic=f'/rig1{topic}', malformed=0)
+             for topic in (LOAD_TOPIC, *PROBE_TOPICS)]
+    node: Any = SimpleNamespace(inputs=flows)
+    events = StreamingNode.events(node, stream.events, guards=stream.guards)
+    events.report(1.0)
+    stream.push(Samples(record.stamps, np.where(record.stamps == record.stamps[7], np.nan,
+                                                record.load)),
+                [Samples(*pair) for pair in zip(record.probe_stamps, gaps, strict=True)])
+    flows[3].malformed = 2
+    found = events.report(1.0)
+    assert found.words == ('1 not finite (/rig1/rig/hydraulic_load), 1 impossible '
+                           '(/rig1/rig/eddy_current_2: limits -2.00 mm and 4.00 mm), '
+                           '1 before probes, 2 malformed (/rig1/rig/eddy_current_3)')
+    assert (found.figures['impossible'], found.figures['impossible on '
+            '/rig1/rig/eddy_current_2: limits -2.00 mm and 4.00 mm']) == ('1', '1')
+    assert 'impossible' in events.report(1.0).words
 
 
 def test_every_parameter_of_the_rig_has_a_text_of_its_own() -> None:
