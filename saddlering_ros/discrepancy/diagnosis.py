@@ -15,8 +15,13 @@ from saddlering_ros.discrepancy.problem.fits import (
     around,
     Candidate,
     centred,
+    declared_start,
     Fit,
     fit_base,
+    GainMetric,
+    refit,
+    run_refits,
+    spread_starts,
     tangent,
 )
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
@@ -117,6 +122,7 @@ def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diag
     for rest in diagnosis.remainder:
         largest.setdefault(rest.channel, rest)
     warnings = (
+        *_other_units(diagnosis.fits.metric.problem, diagnosis.fits.after),
         *diagnosis.warnings, *few,
         *(wording.BEYOND_DECLARED.format(
             name, rest.run, percent(rest.share_of_range), percent(errors[name]))
@@ -164,6 +170,80 @@ def _rough_answers(problem: Problem, fit: Fit) -> list[str]:
     return [wording.ROUGH.format(
         fit.candidate.parameters(problem.system.base_parameters)[np.nanargmin(precision)].name,
         compact(float(np.nanmin(precision)), 2))]
+
+
+MIN_FACTOR, MIN_LIKENESS = 2.5, 0.95
+"""Smallest factor between readings and simulation, either way, and smallest correlation of the
+two, that another unit has. Defects of sensors are smaller."""
+
+FACTOR_ROUNDS, FACTOR_UNIT = 3, 1e-3
+"""Refits of the base, each to readings over the factor of the one before, and their unit as a
+share of range."""
+
+USUAL_FACTORS = np.array([*10.0**np.arange(-9, 10), 57.3, 1 / 57.3, 9.81, 1 / 9.81])
+"""Factors between units: of prefixes, of degrees and radians, of kilogram-force and newton."""
+
+BASE_LEAVES_OPEN = 1.35
+"""Error of a factor that the bounds of the base parameters usually permit."""
+
+
+def _other_units(problem: Problem, fit: Fit) -> list[str]:
+    """A sentence for each channel whose readings have another unit, or that nothing moves."""
+    base, empty = problem.system.base_parameters, Candidate()
+
+    def in_channels(stacked: Array) -> list[Array]:
+        """Stacked columns (n, B) or (n,) by channel, weighted by time, less a free constant."""
+        return [np.concatenate([
+            (seen.T * np.sqrt(problem.sample_weights(run, name))).T for run, seen in zip(
+                problem.runs, problem.view_residuals(stacked, name), strict=True)])
+            for name in problem.view_ranges]
+
+    measured = in_channels(problem.measured)
+    large = [number for number, (seen, left) in enumerate(zip(
+        measured, in_channels(fit.prediction - problem.measured), strict=True))
+        if left @ left > (1.0 - 1.0 / MIN_FACTOR) ** 2 * (seen @ seen)]
+    if not large:
+        return []
+    points = [empty.point(base, one) for one in spread_starts(base, problem.settings.seed)]
+    points += [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
+               for effect in problem.system.effects for start in effect.first_guesses]
+    answers = problem.predict(points)
+    answers = answers[:, np.isfinite(answers).all(axis=0)]
+    factors, found = np.ones(len(measured)), []
+    for number in large:
+        name, seen = problem.system.channel_names[number], in_channels(answers)[number]
+        if all(not np.ptp(block[number], axis=0).any() for block in problem.by_run(answers)):
+            found.append(wording.NEVER_MOVES.format(name))
+        else:
+            powers = np.maximum((seen**2).sum(axis=0), 1e-300)
+            factors[number] = np.median(measured[number] @ seen / powers)
+    theta = declared_start(base)
+    for _ in range(FACTOR_ROUNDS):
+        if not (np.isfinite(factors).all() and factors.all()):
+            return found
+        metric = GainMetric(problem.with_runs([
+            replace(run, channels=run.channels / factors[:, None]) for run in problem.runs]),
+            FACTOR_UNIT)
+        [own] = run_refits(metric, [refit(metric, empty, theta)])
+        theta, simulated = own.theta_unit, in_channels(own.prediction)
+        for number in large:
+            power = max(float(simulated[number] @ simulated[number]), 1e-300)
+            factors[number] = measured[number] @ simulated[number] / power
+    for number in large:
+        likeness = abs(factors[number]) * float(
+            np.linalg.norm(simulated[number]) / np.linalg.norm(measured[number]))
+        if likeness >= MIN_LIKENESS and not 1.0 / MIN_FACTOR < factors[number] < MIN_FACTOR:
+            found.append(_unit_sentence(problem.system.channel_names[number], factors[number]))
+    return found
+
+
+def _unit_sentence(channel: str, factor: float) -> str:
+    """The sentence on a channel whose readings are `factor` times what is simulated."""
+    near = np.sort(USUAL_FACTORS[
+        np.abs(np.log(USUAL_FACTORS / abs(factor))) < np.log(BASE_LEAVES_OPEN)])
+    usual = ' or '.join(compact(float(np.copysign(one, factor))) for one in near)
+    return wording.OTHER_UNIT.format(
+        channel, compact(float(factor), 2), f' ({usual}?)' if usual else '')
 
 
 FEW_SAMPLES = 0.01
@@ -328,7 +408,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
         f'one simulation of all runs takes {each:.2g} s: about {named} s in all if a cause is '
         f'named, {sound} s if nothing is wrong, {unfit} s if no cause fits')
     report += [f'warning: {sentence}' for sentence in (
-        *_rough_answers(problem, fit), *system.failure_sentences())]
+        *_other_units(problem, fit), *_rough_answers(problem, fit), *system.failure_sentences())]
     return report
 
 

@@ -402,6 +402,10 @@ ROUGH = ('the simulator answers in steps, or with errors of its solver: the step
          'may be wrong: give more digits, or a tighter tolerance')
 REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
                  'comparison of causes counts the remainder as model error')
+OTHER_UNIT = ('{0}: the readings are about {1} times what the simulator gives{2}: check the unit '
+              'and the sign of {0} in the readings and in simulate')
+NEVER_MOVES = ('{0}: the simulator gives one value throughout each run, whatever the parameters: '
+               'check what simulate returns for {0}')
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
                'misfit and widen noise and range: give NaN if the recorder erred there; if a '
                'channel or an input jumps there, check its time stamps')

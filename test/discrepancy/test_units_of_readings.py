@@ -1,0 +1,102 @@
+"""Claims on readings in another unit than the simulator's, and on a simulator that never moves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    Diagnosis,
+    Effect,
+    Model,
+    Parameter,
+    Run,
+)
+
+TIME = np.linspace(0.0, 8.0, 500)
+
+
+def axis(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """The force that moves an axis, and its heat, which no friction changes."""
+    speed, acceleration = (np.asarray(run.inputs[name]) for name in ('speed', 'acceleration'))
+    force = parameters['mass'] * acceleration + parameters['viscous'] * speed
+    return {'force': force + parameters['coulomb.force'] * np.tanh(speed / 0.002),
+            'heat': parameters['loss'] * speed**2}
+
+
+def still(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    return {**axis(parameters, run), 'force': np.full(run.time.size, 3.0)}
+
+
+def model(simulate: Callable[..., dict[str, np.ndarray]] = axis) -> Model:
+    return Model(
+        simulate,
+        {'mass': Parameter(80, 110), 'viscous': Parameter(0, 600), 'loss': Parameter(1, 9)},
+        {'coulomb': Effect('Coulomb friction', {'force': Parameter(0, 60)})},
+        {'force': Channel(unit='N'), 'heat': Channel(unit='W', offset='free')}, time_unit='s')
+
+
+def record(turns: float, friction: float = 0.0, **factors: float) -> Run:
+    """A run whose channels are `factors` times what the axis does."""
+    speed = np.sin(turns * TIME)
+    inputs = {'speed': speed, 'acceleration': np.gradient(speed, TIME)}
+    run = Run(f'at {turns:g}', TIME, inputs, {'force': TIME, 'heat': TIME})
+    true = axis({'mass': 95, 'viscous': 200, 'coulomb.force': friction, 'loss': 4}, run)
+    random = np.random.default_rng(int(10 * turns))
+    noise = {'force': 1.0, 'heat': 0.05}
+    return replace(run, outputs={
+        name: factors.get(name, 1.0) * (values + random.normal(0.0, noise[name], TIME.size))
+        for name, values in true.items()})
+
+
+def found(simulate: Callable[..., dict[str, np.ndarray]] = axis,
+          friction: float = 0.0, **factors: float) -> Diagnosis:
+    return diagnose(model(simulate), [record(turns, friction, **factors) for turns in (1.0, 2.5)])
+
+
+def notes(answer: Diagnosis) -> list[str]:
+    return [sentence for sentence in answer.warnings if 'check' in sentence]
+
+
+@pytest.mark.parametrize('factor', [1000.0, 57.2958, 9.81, 0.1, 1e-3, -1.0])
+def test_readings_in_another_unit_get_one_note_on_the_unit_and_no_name(factor: float) -> None:
+    answer = found(force=factor)
+    assert answer.verdict == 'unknown'
+    [note] = notes(answer)
+    assert note.startswith('force: the readings are about ')
+    assert 'the unit' in note
+    # The bounds of mass leave a factor open from 80 / 95 to 110 / 95.
+    assert float(note.split()[5]) / factor == pytest.approx(1.0, rel=0.2)
+
+
+@pytest.mark.parametrize('factor', [1e3, 1e-3])
+def test_friction_beside_another_unit_changes_no_note(factor: float) -> None:
+    answer = found(friction=20.0, heat=factor)
+    assert answer.verdict == 'unknown'
+    [note] = notes(answer)
+    assert note.startswith('heat: the readings are')
+
+
+def test_a_simulator_that_never_moves_is_told() -> None:
+    answer = found(still)
+    assert answer.verdict == 'unknown'
+    [note] = notes(answer)
+    assert note.startswith('force: the simulator gives one value throughout each run, whatever')
+
+
+def test_a_check_tells_the_unit_before_a_diagnosis() -> None:
+    lines = check(model(), [record(turns, force=1000.0) for turns in (1.0, 2.5)])
+    assert any('force: the readings are about ' in line for line in lines)
+
+
+@pytest.mark.parametrize('friction', [0.0, 20.0, 60.0])
+def test_readings_in_the_right_unit_get_no_note(friction: float) -> None:
+    answer = found(friction=friction)
+    assert answer.verdict == ('named' if friction else 'none')
+    assert not notes(answer)
+    assert not any('the readings are' in line for line in check(
+        model(), [record(turns, friction) for turns in (1.0, 2.5)]))
