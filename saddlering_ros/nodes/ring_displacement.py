@@ -91,6 +91,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         super().__init__('ring_displacement')
         self._watch = ElevationWatch(self)
         self._arrived, self._awaited, self._zero_stamp, self._told_rows = 0.0, 0, 0, 0
+        self._given_at = -math.inf
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings['displaced_frame_id']
@@ -134,6 +135,8 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         self._stream.recording = self._watch.recording
         rows = self._stream.rows
         self._send(self._stream.push(load, gaps, self._arrived))
+        if self._stream.rows > rows:
+            self._given_at = self._arrived
         awaited = self._stream.awaited(rows)
         self._awaited = self._awaited if awaited is None else awaited
 
@@ -166,6 +169,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                 self._frame.tell(batch)
 
     def _on_zero(self, _: Trigger.Request) -> str:
+        self.refuse_silence(self._given_at, self._watch.is_paused)
         stamp = self._stream.newest_stamp
         if not stamp:
             raise NodeError('no aligned samples yet: start the driver or the replay first')

@@ -57,7 +57,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._watch = rig_state.ElevationWatch(self, self._on_elevation)
         self._elevation, self._elevation_source = math.nan, ''
         self._given = node_parameters.given_sections(self, ('contact', 'effects', 'source'))
-        self._arrived = 0.0
+        self._arrived = -math.inf
         self._refused, self._parameters_stamp = '', 0
         self.offer(Trigger, '~/restart', self._on_restart)
         self.offer(Trigger, '~/zero', self._on_zero)
@@ -217,6 +217,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         return 'restarts at the next preload'
 
     def _on_zero(self, _: Trigger.Request) -> str:
+        self.refuse_silence(self._arrived, self._watch.is_paused)
         if not self._stream.newest_stamp:
             raise NodeError('no load yet: start the driver or the replay first')
         self._stream.zero_after(self._stream.newest_stamp)

@@ -120,6 +120,7 @@ class RawSubscription:
             task.source = self.topic
         self.reliable = reliability != 'best_effort'
         self.received = self.malformed = self.last_stamp = 0
+        self.heard = -math.inf  # when the last message was taken [s, monotonic]
         self.newest = b''
         self.unheard = ''
         self._open()
@@ -167,8 +168,9 @@ class RawSubscription:
         while True:
             taken = handle.take_message(kind, True)
             if taken is None:
-                self.received += len(messages)
-                self.newest = messages[-1] if messages else self.newest
+                if messages:
+                    self.received += len(messages)
+                    self.newest, self.heard = messages[-1], time.monotonic()
                 return messages
             messages.append(taken[0])
 

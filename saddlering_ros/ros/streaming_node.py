@@ -53,6 +53,9 @@ MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
 
+MAX_SILENCE = 3.0
+"""Time [s] without a sample from which on no zero is promised."""
+
 LONGEST_HAND_OVER = 1.5
 """Longest time [s] at its end for which a node sends again what its readers miss; with
 LONGEST_END it stays below the five seconds of a launch."""
@@ -207,6 +210,20 @@ class StreamingNode(LifecycleNode):
             return response
 
         self.create_service(kind, name, answer)
+
+    def refuse_silence(self, given_at: float, is_paused: bool) -> None:
+        """NodeError if nothing comes of which a zero could be taken.
+
+        given_at: when the inputs last gave something [s, monotonic]; is_paused: by a replay.
+        """
+        now = time.monotonic()
+        if is_paused or now - given_at < MAX_SILENCE:
+            return
+        silent = [flow.topic for flow in self.inputs if now - flow.heard >= MAX_SILENCE]
+        words = (f'no samples come on {", ".join(silent)}: start the driver or the replay'
+                 if silent else 'load and probes come without a common stamp: correct their '
+                 'clocks (status clocks)')
+        raise NodeError(f'{words}, then call ~/zero again')
 
     def hand_over(self) -> None:
         """Stay until each reliable reader has every message, at most LONGEST_HAND_OVER.

@@ -1,6 +1,8 @@
 """What nodes report of their health counts for the period reported, and names its own things."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+import re
 import time
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 from rosnet import Client, Driver, wait_until
+from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import RingParameters
@@ -39,6 +42,7 @@ from saddlering_ros.ros.diagnostics import (
 )
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.messages import to_stamp
+from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import rig_words
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
@@ -177,6 +181,40 @@ def test_a_reversed_probe_is_told_while_the_load_moves_and_forgotten_with_the_ze
     assert told()[1].startswith('wrong polarity of probe 2 (rig.probes.polarity): µm per')
     driver.send(record.later(100.0), slice(0, 1000))
     wait_until(lambda: told()[0] == OK, what='another zero')
+
+
+@pytest.mark.parametrize(('silent', 'is_paused', 'words'), [
+    ((), False, ''), (('load',), True, ''),
+    (('load', 'probe'), False, 'no samples come on /load, /probe: start the driver or the replay, '
+                               'then call ~/zero again'),
+    (('probe',), False, 'no samples come on /probe: start'),
+    (None, False, 'load and probes come without a common stamp: correct their clocks (status '
+                  'clocks), then call ~/zero again')])
+def test_a_zero_is_refused_while_nothing_comes_of_which_it_could_be_taken(
+        silent: tuple[str, ...] | None, is_paused: bool, words: str) -> None:
+    """It was promised 'from the first steady stretch', of a driver that had ended."""
+    now = time.monotonic()
+    node: Any = SimpleNamespace(
+        inputs=[SimpleNamespace(topic=f'/{name}', heard=now - 9.0 * (name in (silent or ())))
+                for name in ('load', 'probe')])
+    given_at = now - 9.0 * (silent is None or bool(silent))
+
+    def asked() -> None:
+        StreamingNode.refuse_silence(node, given_at, is_paused)
+
+    with (pytest.raises(NodeError, match='^' + re.escape(words)) if words else nullcontext()):
+        asked()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('name', ['ring_displacement', 'ring_simulator'])
+def test_a_zero_is_refused_before_anything_has_come(
+        name: str, group: NodeGroup, heard: Client) -> None:
+    group.start(name, {'elevation_deg': 50.0})
+    wait_until(lambda: heard.diagnostics.get(f'{name}: state') == (OK, 'active'), 80.0, 'active')
+    answer = heard.call(Trigger, f'/{name}/zero')
+    assert not answer.success
+    assert answer.message.startswith('no samples come on /rig/hydraulic_load')
 
 
 def test_a_lapse_of_the_promise_is_a_warning_for_some_seconds_or_for_good() -> None:
