@@ -292,6 +292,9 @@ class DatedTime:
         if moment.tzinfo is None and self.zone is None:
             raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
                                  'time zone: add zone: to time:, like UTC or Europe/Berlin')
+        if doubt := _doubt_of(moment, self.zone):
+            raise ImportingError(
+                f'the times of column {self.columns[-1]} ({text!r}) are doubtful: it {doubt}')
         stamp = _nanoseconds(moment, self.zone)
         return stamp if abs(stamp) < MAX_STAMP else MISSING
 
@@ -333,6 +336,8 @@ def start_of(value: object, zone: tzinfo | None, where: str) -> int:
     if moment.tzinfo is None and zone is None:
         raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
                              '+01:00, or add zone:')
+    if doubt := _doubt_of(moment, zone):
+        raise ImportingError(f'{where} is {str(value)!r}, which {doubt}')
     return _nanoseconds(moment, zone) + fraction
 
 
@@ -356,6 +361,22 @@ def _parted(text: str) -> tuple[str, int]:
     """The text without its fraction of a second, and the fraction [ns]."""
     match = _FRACTION.match(text)
     return (text, 0) if match is None else (match[1] + match[3], int(match[2][:9].ljust(9, '0')))
+
+
+def _doubt_of(moment: datetime, zone: tzinfo | None) -> str:
+    """Why a local time is none, or is two, where the clocks of its zone change; '' otherwise."""
+    if moment.tzinfo is not None:
+        return ''
+    first, second = (moment.replace(tzinfo=zone, fold=fold) for fold in (0, 1))
+    change = (second.utcoffset() or timedelta()) - (first.utcoffset() or timedelta())
+    if not change:
+        return ''
+    before, after = (f'{one:%z}'[:3] + ':' + f'{one:%z}'[3:5] for one in (first, second))
+    if change > timedelta():
+        return (f'does not occur in {zone} (beginning of summer time): give the zone of a clock '
+                f'that does not change, {before}')
+    return (f'occurs twice in {zone} (end of summer time): give zone: {before} for the first time '
+            f'or {after} for the second')
 
 
 def _nanoseconds(moment: datetime, zone: tzinfo | None) -> int:

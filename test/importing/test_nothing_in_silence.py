@@ -148,6 +148,37 @@ def test_a_time_that_does_not_fit_its_format_is_shown_with_it(tmp_path: Path) ->
     assert "'20.11.2026 08:00:00' does not fit %m/%d/%Y %H:%M:%S" in said
 
 
+BERLIN = {'column': 't', 'format': '%d.%m.%Y %H:%M:%S', 'zone': 'Europe/Berlin'}
+TWICE = 'occurs twice in Europe/Berlin (end of summer time): give zone: +02:00 for the first'
+
+
+@pytest.mark.parametrize(('day', 'zone', 'words'), [
+    ('25.10.2026', 'Europe/Berlin', f"('25.10.2026 02:30:00') are doubtful: it {TWICE}"),
+    ('25.10.2026', '+01:00', ''), ('25.10.2026', '+02:00', ''),
+    ('26.10.2026', 'Europe/Berlin', ''),
+    ('29.03.2026', 'Europe/Berlin', "('29.03.2026 02:30:00') are doubtful: it does not occur in "
+     'Europe/Berlin (beginning of summer time): give the zone of a clock that does not change, '
+     '+01:00')])
+def test_a_local_time_that_a_change_of_summer_time_makes_doubtful_is_refused_until_it_is_stated(
+        tmp_path: Path, day: str, zone: str, words: str) -> None:
+    """The first of both hours was taken without a word."""
+    times = [f'{day} 02:30:{i:02d}' for i in range(ROWS)]
+    map_ = document(time={**BERLIN, 'zone': zone})
+    if words:
+        assert words in refusal(tmp_path, map_, plain_table(t=times))
+    else:
+        convert(tmp_path, plain_table(t=times), map_)
+        assert len(stamps(tmp_path)) == ROWS
+
+
+def test_a_start_in_the_hour_that_occurs_twice_is_refused(tmp_path: Path) -> None:
+    start = '2026-10-25T02:30:00'
+    said = refusal(tmp_path, document(time={'rate': 100, 'start': start, 'zone': 'Europe/Berlin'}))
+    assert f"time.start is '{start}', which {TWICE}" in said
+    convert(tmp_path, plain_table(), document(time={'rate': 100, 'start': f'{start}+01:00'}))
+    assert stamps(tmp_path)[0] == 1_792_891_800_000_000_000
+
+
 def test_a_dataset_without_a_place_for_values_is_no_column(tmp_path: Path) -> None:
     with h5py.File(tmp_path / 'a.h5', 'w') as file:
         file['nothing'] = h5py.Empty('f8')
