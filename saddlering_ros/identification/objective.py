@@ -15,6 +15,7 @@ from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.progress import IsCancelled, SearchStep
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
+from saddlering_ros.rig.description import DEFAULT_BOUNDS
 from saddlering_ros.rig.geometry import probes_to_displacement, with_absent
 from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, in_parallel, probe_batch, static_batch
@@ -324,10 +325,16 @@ def _numbers(values: Array, contacts: Array) -> Array:
     missing = np.isnan(values).reshape(len(values), -1).any(axis=1)
     if not missing.any():
         return values
-    words = ', '.join(f'{name}={value:.4g}' for name, value in zip(
-        PARAMETER_NAMES, contacts[int(np.argmax(missing))], strict=True))
+    at = dict(zip(PARAMETER_NAMES, contacts[int(np.argmax(missing))].tolist(), strict=True))
+    words = ', '.join(f'{name}={value:.4g}' for name, value in at.items())
+    for name, (low, high) in DEFAULT_BOUNDS.items():
+        if not low <= at[name] <= high:
+            raise IdentificationError(
+                f'the bounds of {name} reach too far: the objective is not a number at {words}: '
+                'give narrower ones (--bounds, or bounds in the rig file), '
+                f'from {low:.3g} to {high:.3g}')
     raise IdentificationError(f'the objective is not a number at {words}: check the bags for '
-                              'missing values and the bounds for impossible ones')
+                              'missing values')
 
 
 def average_branches(observation: Observation, level_step: float) -> Observation:

@@ -318,7 +318,9 @@ def still():
      r'unloading branch .*\(a.mcap: the file is cut off\): record'),
     (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
-    (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1')])
+    (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1'),
+    (lambda: [static_run(50.0), dynamic_run(50.0)], {'bounds': {'K1': (1e3, 1e15)}},
+     r'^the bounds of K1 reach too far: .* at K1=\d.*: give narrower ones .*2e\+07 to 1e\+09$')])
 def test_runs_and_bounds_that_give_no_law_are_refused_in_one_line(runs, settings, said):
     with pytest.raises(IdentificationError, match=said) as caught:
         identify(runs(), RIG, IdentificationSettings(**settings))
