@@ -256,7 +256,7 @@ class ValidationResult(Result):
     @property
     def criteria(self) -> tuple[Criterion, ...]:
         """Each criterion: whether it is met, and its worst run and channel."""
-        return judge(self.found.runs)
+        return judge(self.found.runs, self.found.parameters.source.undetermined)
 
     def save_plots(self, folder: Path | str) -> list[Path]:
         """One PNG per run in `folder`; the paths written."""

@@ -5,7 +5,7 @@ samples for rmse and noise floor, plateau means for the shape figures), because 
 faster in between than the recorder samples.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -212,12 +212,21 @@ class Criterion:
     unit: str
     bag: str  # where value over limit (or limit over value, if more is better) is largest
     channel: str
+    undetermined: tuple[str, ...] = ()  # parameters that the value depends on
+
+    @property
+    def doubt(self) -> str:
+        """What its failure may come from beside the ring, in words; '' for nothing."""
+        return '' if self.is_met or not self.undetermined else (
+            f'; it depends on {", ".join(self.undetermined)}, not determined '
+            'by the data of the parameter file')
 
     @property
     def line(self) -> str:
         """'passed  rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
         return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
-                f'{self.bag}, {self.with_unit(self.value)} against {self.with_unit(self.limit)}')
+                f'{self.bag}, {self.with_unit(self.value)} against {self.with_unit(self.limit)}'
+                f'{self.doubt}')
 
     def with_unit(self, value: float) -> str:
         if self.unit == '%':
@@ -227,8 +236,13 @@ class Criterion:
         return quantities.compact(value)
 
 
-def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
-    """Every criterion for which these runs have figures, at its worst run and channel."""
+def judge(
+    runs: Sequence[RunValidation], undetermined: Collection[str] = (),
+) -> tuple[Criterion, ...]:
+    """Every criterion for which these runs have figures, at its worst run and channel.
+
+    undetermined: parameters that the data of the parameter file leave open.
+    """
     good, error, rating = quantities.GOOD, quantities.MAX_COMPARISON_ERROR, quantities.MIN_RATING
     # Id, words, unit, channels, and what gives value and limit of a channel's figures.
     asked: tuple[tuple[str, str, str, Sequence[str], Callable[
@@ -254,8 +268,11 @@ def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
                     cases.append((high / max(low, 1e-300), value, limit, run.name, channel))
         if cases:
             over, value, limit, bag, channel = max(cases)
-            criteria.append(Criterion(name, words, over <= 1.0, value, limit, unit,
-                                      bag.rstrip('/').rsplit('/', 1)[-1], channel))
+            is_static = all(run.test == 'static' for run in runs if run.name == bag)
+            criteria.append(Criterion(
+                name, words, over <= 1.0, value, limit, unit, bag.rstrip('/').rsplit('/', 1)[-1],
+                channel, tuple(one for one in undetermined if name != 'parity'
+                               and not (is_static and one.startswith('D')))))
     return tuple(criteria)
 
 
@@ -319,5 +336,6 @@ def validation_text(validation: Validation) -> str:
         value = quantities.quantity(getattr(contact, name), PARAMETER_UNITS[name])
         lines.append(undetermined_words(name, value, reason))
     lines += ['', 'columns:', *(f'  {column.title:9s}  {column.words}' for column in COLUMNS)]
-    lines += ['', 'criteria:', *(f'  {criterion.line}' for criterion in judge(validation.runs))]
+    lines += ['', 'criteria:', *(f'  {criterion.line}' for criterion in judge(
+        validation.runs, source.undetermined))]
     return '\n'.join(lines)

@@ -100,10 +100,12 @@ def write_validation_report(
         chapters.identified(identification),
         html.section('Criteria', html.table(
             ['criterion', 'worst channel', number('value'), number('limit')],
-            [[criterion.words, f'{criterion.bag}, {SYMBOLS[criterion.channel]}',
+            [[f'{criterion.words}{criterion.doubt}',
+              f'{criterion.bag}, {SYMBOLS[criterion.channel]}',
               number(criterion.with_unit(criterion.value), 'good' if criterion.is_met else 'bad'),
               criterion.with_unit(criterion.limit)]
-             for criterion in judge(validation.runs)])),
+             for criterion in judge(
+                 validation.runs, validation.parameters.source.undetermined)])),
         _figures(validation),
         chapters.paper_split(curves),
         chapters.residual_map(curves),

@@ -179,6 +179,20 @@ def test_a_criterion_that_fails_names_the_channel_that_fails_it(runs):
     assert found['misfit'].line.startswith('FAILED  rms misfit')
 
 
+def test_a_criterion_that_fails_names_what_the_parameters_leave_open_and_the_run_depends_on(runs):
+    """D of static tests is a guess, and a dynamic run fails by it without a fault of the ring."""
+    law = replace(TRUE_TO_SCALE, K1=1.3 * TRUE_TO_SCALE.K1)
+    source = replace(TRUTH.source, undetermined={'D1': 'static runs alone', 'K2': 'no motion'})
+    for run, names in ((runs[0], 'K2'), (runs[1], 'D1, K2')):
+        found = validate([run], RIG, replace(TRUTH, contact=law, source=source))
+        lines = {item.id: item.line for item in judge(found.runs, source.undetermined)}
+        assert lines['misfit'].startswith('FAILED')
+        assert f'; it depends on {names}, not determined by the data of the' in lines['misfit']
+        assert 'depends' not in lines['parity']
+        assert 'depends' not in validation_text(replace(found, parameters=TRUTH))
+    assert 'it depends on D1, K2, not determined' in validation_text(found)
+
+
 @pytest.mark.parametrize(('clearance', 'is_sound'), [(1.5e-6, True), (3e-5, False)])
 def test_a_misfit_that_small_errors_of_a_sound_ring_may_cause_fails_nothing(clearance, is_sound):
     row = replace(RIG.radial_row, clearance=RIG.radial_row.clearance + clearance)
