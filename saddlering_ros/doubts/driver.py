@@ -11,6 +11,7 @@ from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
+from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import align, Floats, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
@@ -79,13 +80,20 @@ def delay_of(stamps: Stamps, arrivals: Stamps) -> float:
 
 def skew_findings(delays: Mapping[str, float]) -> list[Finding]:
     """A fault for each probe stamped by another clock than the load; delays [s] by topic."""
-    load = delays[LOAD_TOPIC]
-    skews = {name: delay - load for name, delay in delays.items() if abs(load) < CLOCK_LIMIT}
-    return [Finding(f'stamps are {abs(skew) * 1e3:.3g} ms '
+    skews = {name: delay - delays[LOAD_TOPIC] for name, delay in delays.items()}
+    return [Finding(f'stamps are {quantity(abs(skew), "s", digits=2)} '
                     f'{"older" if skew > 0.0 else "younger"} than those of the load that '
                     'arrive with them: use one clock for both, and stamp with the time of '
                     'measurement', name, FAULT)
             for name, skew in skews.items() if abs(skew) > SKEW_LIMIT]
+
+
+def machine_findings(delays: Mapping[str, float]) -> list[Finding]:
+    """A fault for each topic stamped by another clock than this machine's; delays [s] by topic."""
+    return [Finding(f'stamps are {abs(delay):.3g} s {"behind" if delay > 0.0 else "ahead of"} the '
+                    'clock of this machine: synchronise the clocks (chrony, PTP), or stamp in UTC',
+                    name, FAULT)
+            for name, delay in delays.items() if abs(delay) > CLOCK_LIMIT]
 
 
 class _Findings(list[Finding]):
@@ -173,10 +181,7 @@ def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float |
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
         findings.fault(f'stamps advance by {stamped / 1e9:.3g} s in {arrived / 1e9:.3g} s: the '
                        'stamps are not times, or the driver falls behind')
-    if abs(one.delay) > CLOCK_LIMIT:
-        findings.fault(f'stamps are {abs(one.delay):.3g} s '
-                       f'{"behind" if one.delay > 0.0 else "ahead of"} the clock of this machine: '
-                       'synchronise the clocks (chrony, PTP), or stamp in UTC')
+    findings += machine_findings({topic.name: one.delay})
 
 
 def _values(findings: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math
 from pathlib import Path
+import time
 
 import numpy as np
 
@@ -53,6 +54,12 @@ wrong."""
 
 ELEVATION_TOLERANCE_DEG = 0.5
 """Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
+
+MAX_AHEAD = 60.0
+"""Time [s] by which the clocks of two machines may differ before a test lies in the future."""
+
+EARLIEST = 946_684_800 * batches.SECOND
+"""Stamp [ns] of the year 2000, before which no test was recorded."""
 
 MIN_SECONDS = 0.1
 """Duration of a record below which it is no test: five means of a fit."""
@@ -249,6 +256,22 @@ def clock_findings(
     return findings
 
 
+def date_findings(record: RawRecord) -> list[Finding]:
+    """A finding if the date of a record is none of a test, by which others are put in order."""
+    begin, apart = np.datetime64(record.start, 'ns'), (record.stop - time.time_ns()) / 1e9
+    words = f'{str(begin)[:19].replace("T", " ")} UTC'
+    if apart > MAX_AHEAD:
+        return [Finding(
+            f'begins at {words} and ends {quantity(apart, "s")} later than the clock of this '
+            'machine: one of both clocks is wrong, or local time was taken for UTC: correct it, '
+            'because campaigns and histories order tests by their date')]
+    if record.start < EARLIEST and 'import_sources' not in record.facts.details:
+        return [Finding(
+            f'begins at {words}: the clock of the recorder was not set: set it (chrony, PTP), '
+            'because campaigns and histories order tests by their date')]
+    return []
+
+
 def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
     """A finding for each topic stamped by another clock than others, or by one that was set."""
     names, findings = [name for name in RIG_TOPICS if name != absent], []
@@ -331,6 +354,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                        f'unit or the rate of its time{noted}')
     findings += clock_findings(
         qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS], seconds)
+    findings += date_findings(record)
     findings += (apart := other_clocks(record, absent))
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
-from saddlering_ros.doubts.driver import skew_findings
+from saddlering_ros.doubts.driver import CLOCK_LIMIT, machine_findings, skew_findings
 from saddlering_ros.doubts.wiring import wiring_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Displacements
@@ -207,11 +207,18 @@ class RingDisplacementNode(streaming_node.StreamingNode):
 
     def _clocks_status(self) -> TaskStatus:
         """By arrival, as check-driver judges it; the stamps of a replay are too old for that."""
-        found = skew_findings({one.topic: one.delay for one in self._streams})
+        delays = {one.topic: one.delay for one in self._streams}
+        is_replayed = self._watch.is_replayed or self.get_parameter('use_sim_time').value
+        if is_replayed and abs(delays[LOAD.name]) > CLOCK_LIMIT:
+            delays = {}
+        of_machine = machine_findings(delays)
+        found = [*of_machine, *skew_findings(delays)]
         if not found:
             return TaskStatus(OK, 'no difference between load and probes is seen')
-        more = f'; {len(found) - 1} more topics likewise' if len(found) > 1 else ''
-        return TaskStatus(WARN, f'{found[0]}{more}')
+        count = len({one.where for one in found})
+        more = f'; {count - 1} more topics likewise' if count > 1 else ''
+        hint = ' (of a replay: start the nodes with use_sim_time:=true)' if of_machine else ''
+        return TaskStatus(WARN, f'{found[0]}{more}{hint}')
 
     def _parity_status(self) -> TaskStatus:
         """Mean parity against its noise; NaN where a probe is missing."""

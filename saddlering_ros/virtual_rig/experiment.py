@@ -238,7 +238,7 @@ CELL_SPAN = 3e5 / FULL_SCALE_LOAD
 """Span of the load cell to both sides over the full scale, in 2^16 levels."""
 
 EPOCH = 1_760_000_000
-"""Time of the first test [s since 1970]."""
+"""Time [s since 1970], in October 2025, before which a test begins that states no other."""
 
 RATES = {'static': 50.0, 'dynamic': 1000.0}
 STEPS = {'static': 0.01, 'dynamic': 0.001}
@@ -321,7 +321,7 @@ def record_test(plan: TestPlan) -> TestRecord:
     run = run_test(physical, load, step, plan.seed)
     recording = Recording()
     physical.act('recording', recording)
-    drawn = EPOCH + 3600 * int(chance[1].integers(0, 20_000))
+    drawn = EPOCH - 3600 * int(chance[1].integers(0, 20_000))
     begin = drawn if plan.begin is None else plan.begin
     (load_rate, probe_rate), jitter = plan.rates, plan.instruments.jitter
     margin = 2.0 / min(load_rate, probe_rate)

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 import re
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import default_rig, TONNE
@@ -54,6 +56,26 @@ def test_the_clocks_of_the_topics_of_a_bag_are_compared_once(recording, tmp_path
             *given), raising=False)
     read_run(recording.write(tmp_path / 'bag'), rig=RIG)
     assert len(compared) == 1
+
+
+@pytest.mark.parametrize(('begin', 'details', 'words'), [
+    (math.inf, {}, 'later than the clock of this machine'),
+    (5 * SECOND, {}, 'begins at 1970-01-01 00:00:05 UTC: the clock of the recorder was not set'),
+    (5 * SECOND, {'import_sources': 'a.csv'}, ''),  # a time without a date
+    (-math.inf, {}, '')])
+def test_a_date_that_no_test_has_is_noted(recording, tmp_path, begin, details, words):
+    """Campaigns and histories order tests by it."""
+    if math.isinf(begin):
+        begin = time.time_ns() + round(math.copysign(3600, begin)) * SECOND
+    shift = begin - min(int(stamps[0]) for stamps in recording.stamps.values())
+    bag = write_bag(
+        tmp_path / 'bag', TestMetadata('dynamic', 50.0, details=details),
+        recording.stamps[LOAD_TOPIC] + shift, recording.values[LOAD_TOPIC],
+        [recording.stamps[topic] + shift for topic in PROBE_TOPICS],
+        [recording.values[topic] for topic in PROBE_TOPICS], RIG.probes)
+    noted = [note for note in bag_info(bag).notes if 'clock of' in note]
+    assert len(noted) == bool(words)
+    assert all(words in note for note in noted)
 
 
 def test_a_sound_ramp_has_no_note():

@@ -345,11 +345,22 @@ ONE_CLOCK = 'no difference between load and probes is seen'
                  'with them: use one clock for both, and stamp with the time of measurement; 3 '
                  'more topics likewise'),
     (0.005, -0.2, '/rig/eddy_current_1: stamps are 200 ms younger'),
-    (1e8, 0.2, ONE_CLOCK)])  # a replay: the time of arrival tells nothing
+    (5.0, 5.0, '/rig/hydraulic_load: stamps are 5 s behind the clock of this machine: synchronise '
+               'the clocks (chrony, PTP), or stamp in UTC; 4 more topics likewise (of a replay: '
+               'start the nodes with use_sim_time:=true)'),
+    (-7200.0, 0.0, '/rig/hydraulic_load: stamps are 7.2e+03 s ahead of the clock of this machine'),
+    (1e8, 0.2, '/rig/hydraulic_load: stamps are 1e+08 s behind')])
+@pytest.mark.parametrize('replayed', ['', 'by the suite', 'by another player'])
 def test_a_clock_of_the_probes_apart_from_that_of_the_load_is_told(
-        behind: float, apart: float, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        behind: float, apart: float, words: str, replayed: str, monkeypatch: pytest.MonkeyPatch,
+        ) -> None:
     topics = (LOAD_TOPIC, *PROBE_TOPICS)
-    node: Any = SimpleNamespace(_streams=[StreamTask(topic) for topic in topics])
+    node: Any = SimpleNamespace(
+        _streams=[StreamTask(topic) for topic in topics],
+        _watch=SimpleNamespace(is_replayed=replayed == 'by the suite'),
+        get_parameter=lambda _: SimpleNamespace(value=replayed == 'by another player'))
+    if replayed and abs(behind) > 1.0:
+        words = ONE_CLOCK  # the time of arrival tells nothing
     stamps = START + MS * np.arange(100)
     now = iter(np.repeat(stamps + round(behind * SECOND), len(topics)).tolist())
     monkeypatch.setattr(time, 'time_ns', lambda: next(now))
