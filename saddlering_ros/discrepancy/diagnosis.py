@@ -1,6 +1,7 @@
 """`diagnose` and `check` for a declared model of any machine."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 import time as clock
 import timeit
@@ -9,7 +10,12 @@ from typing import cast
 import numpy as np
 
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.noise import is_correlated, noise_sentence, wrong_level
+from saddlering_ros.discrepancy.noise import (
+    is_correlated,
+    noise_sentence,
+    ONE_RELAXATION,
+    wrong_level,
+)
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import (
     around,
@@ -28,11 +34,13 @@ from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks, Settings
+from saddlering_ros.discrepancy.search.lack_of_fit import is_noise_alone
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.discrepancy.verdict import results, wording
+from saddlering_ros.estimation import record_noise
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import compact, percent
+from saddlering_ros.quantities import compact, percent, quantity
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact. Its
@@ -113,7 +121,7 @@ def problem_of(
 
 def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
-    diagnosis = _with_noise_doubts(diagnosis, system)
+    diagnosis = _with_slow_noise(_with_noise_doubts(diagnosis, system), system)
     few, has_code = _few_samples(diagnosis)
     if has_code and diagnosis.verdict != 'unknown':
         diagnosis = _unestablished(diagnosis)
@@ -180,12 +188,6 @@ FACTOR_ROUNDS, FACTOR_UNIT = 3, 1e-3
 """Refits of the base, each to readings over the factor of the one before, and their unit as a
 share of range."""
 
-USUAL_FACTORS = np.array([*10.0**np.arange(-9, 10), 57.3, 1 / 57.3, 9.81, 1 / 9.81])
-"""Factors between units: of prefixes, of degrees and radians, of kilogram-force and newton."""
-
-BASE_LEAVES_OPEN = 1.35
-"""Error of a factor that the bounds of the base parameters usually permit."""
-
 
 def _other_units(problem: Problem, fit: Fit) -> list[str]:
     """A sentence for each channel whose readings have another unit, or that nothing moves."""
@@ -233,17 +235,9 @@ def _other_units(problem: Problem, fit: Fit) -> list[str]:
         likeness = abs(factors[number]) * float(
             np.linalg.norm(simulated[number]) / np.linalg.norm(measured[number]))
         if likeness >= MIN_LIKENESS and not 1.0 / MIN_FACTOR < factors[number] < MIN_FACTOR:
-            found.append(_unit_sentence(problem.system.channel_names[number], factors[number]))
+            found.append(wording.unit_words(
+                problem.system.channel_names[number], float(factors[number])))
     return found
-
-
-def _unit_sentence(channel: str, factor: float) -> str:
-    """The sentence on a channel whose readings are `factor` times what is simulated."""
-    near = np.sort(USUAL_FACTORS[
-        np.abs(np.log(USUAL_FACTORS / abs(factor))) < np.log(BASE_LEAVES_OPEN)])
-    usual = ' or '.join(compact(float(np.copysign(one, factor))) for one in near)
-    return wording.OTHER_UNIT.format(
-        channel, compact(float(factor), 2), f' ({usual}?)' if usual else '')
 
 
 FEW_SAMPLES = 0.01
@@ -343,6 +337,35 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
         *over, *under, *(sentence for _, sentence in small.values()), *doubts,
         *diagnosis.warnings))
     return _unestablished(told, is_more=bool(under)) if under or doubts else told
+
+
+def _with_slow_noise(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
+    """The same with a warning if a misfit shows nothing but what slow noise would show.
+
+    Noise is learnt from the fast part of a residual, and is assumed to have a flat spectrum below.
+    Slower noise then looks like a cause that no catalogue holds.
+    """
+    learnt = {name: channel for name, channel in system.model.channels.items()
+              if channel.noise.learns_from_residuals}
+    if diagnosis.verdict != 'unknown' or not learnt:
+        return diagnosis
+    slower = copy(system)
+    slower.model = replace(system.model, channels={**system.model.channels, **{
+        name: replace(channel, noise=ONE_RELAXATION) for name, channel in learnt.items()}})
+    problem, base = diagnosis.fits.metric.problem, diagnosis.fits.before
+    metric = noise_metric(replace(problem, assumptions=slower.assumptions()), base.prediction)
+    times = {name: [float(metric.sensors[run.name, number].time_constants.max(initial=0.0))
+                    for run in problem.runs]
+             for number, name in enumerate(system.channel_names) if name in learnt}
+    longest = [record_noise.longest_relaxation(float(np.ptp(run.time))) for run in problem.runs]
+    is_drift = any(np.greater_equal(each, longest).any() for each in times.values())
+    if is_drift or not is_noise_alone(metric.with_offsets(), base):
+        return diagnosis
+    words = wording.joined([f'{quantity(max(each), problem.time_unit, digits=2)} in {name}'
+                            for name, each in times.items()])
+    chances = diagnosis.probabilities if diagnosis.causes else OPEN
+    return replace(diagnosis, probabilities=chances, warnings=(
+        wording.SLOW_NOISE.format(words), *diagnosis.warnings))
 
 
 def _unestablished(diagnosis: results.Diagnosis, *, is_more: bool = False) -> results.Diagnosis:

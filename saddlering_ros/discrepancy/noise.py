@@ -117,6 +117,12 @@ class Noise:
             learns_from_residuals=True)
 
 
+ONE_RELAXATION = Noise(lambda records: {
+    record.run: record_noise.relaxation_of(record) for record in records},
+    learns_from_residuals=True)
+"""Noise with one correlation time, learnt from all of the residual, what is slow included."""
+
+
 def white_noise(std: float, pairs: int) -> ChannelNoise:
     """Independent noise of every sample; pairs: degrees of freedom of its level."""
     return ChannelNoise(0.0, np.zeros(0), 0.0, pairs, np.zeros(0), floor=std**2)

@@ -46,6 +46,9 @@ MAX_BINS = 120
 ROUNDS = 300
 """Rounds of the multiplicative update; each one raises the likelihood."""
 
+RELAXATIONS_TRIED = 20
+"""Time constants of a single relaxation that are tried."""
+
 MIN_SPACING = 1.5
 """Usual spacing of a channel's samples over that of its run, from which the channel is recorded at
 a rate of its own: 1 if less than half of the samples are missing, and 2 or more otherwise."""
@@ -241,6 +244,41 @@ def _noise_of_fast_values(
     expected = np.zeros(spectrum.power.size)
     if present is not None:
         expected = _expected_power(present, spectrum.frequency, step)
+    parts = _likeliest(spectrum, constants, step, expected)
+    white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
+    return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
+
+
+def longest_relaxation(duration: float) -> float:
+    """Longest time constant that a record of `duration` can tell from a drift."""
+    return 0.05 * duration
+
+
+def relaxation_of(record: ChannelRecord) -> ChannelNoise:
+    """White noise and the one relaxation that fit a whole residual best, its slow part included.
+
+    The relaxation has the time constant of greatest likelihood, up to `longest_relaxation`.
+    """
+    there = np.isfinite(record.values)
+    step, best, least = record.step, ChannelNoise(0.0, np.zeros(1), 0.0, 1, np.ones(1)), np.inf
+    spectrum = _spectrum_above(record.values - record.values[there].mean(), 0, MAX_BINS)
+    for constant in np.geomspace(
+            step, max(longest_relaxation(record.duration), step), RELAXATIONS_TRIED):
+        one = np.array([constant])
+        parts = _likeliest(spectrum, one, step, np.zeros(spectrum.power.size))
+        white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
+        noise = ChannelNoise(white, parts[1:], 0.0, 1, one)
+        expected = _expected_power(noise, spectrum.frequency, step)
+        unlikely = float(spectrum.lines @ (np.log(expected) + spectrum.power / expected))
+        if unlikely < least:
+            best, least = noise, unlikely
+    return _with_degrees(best, step, [int(there.sum())])
+
+
+def _likeliest(
+    spectrum: '_Spectrum', constants: Array, step: float, expected: Array
+) -> Array:
+    """White density and variances (1 + T,) of greatest likelihood beside `expected` (F,)."""
     columns = _spectral_columns(spectrum.frequency, constants, step)
     unit = columns.mean(axis=0)
     columns = columns / unit
@@ -250,9 +288,7 @@ def _noise_of_fast_values(
         total = columns @ weights + expected
         pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
         weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
-    parts = weights / unit
-    white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
-    return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
+    return np.asarray(weights / unit)
 
 
 class _Spectrum(NamedTuple):

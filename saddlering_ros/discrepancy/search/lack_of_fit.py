@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
+from saddlering_ros.discrepancy.problem.fits import Fit, refit, run_refits, Tangent, tangent
 from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index, Metric
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
@@ -374,6 +374,23 @@ def consistency_tests(
             count, min(sizes[view] * beyond**0.5, largest),
             run=problem.run_along(residual, shape, view)))
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
+
+
+def is_noise_alone(metric: Metric, fit: Fit) -> bool:
+    """Whether no test of the residual of a model finds more than the noise of a metric.
+
+    fit: the model, fitted in another metric.
+    """
+    settings = metric.problem.settings
+    [fit] = run_refits(metric, [refit(metric, fit.candidate, fit.theta_unit)])
+    pairs = max(noise.pairs for noise in metric.noise.values())
+    tests, sensitivities = LackOfFitTests(metric, pairs), tangent(metric, fit)
+    slow = tests.slow(fit)
+    shapes = (*tests.shapes(fit, sensitivities),
+              *consistency_tests(metric, fit, sensitivities, slow, pairs))
+    chances = [slow.p_value, tests.fast(fit).p_value, *slow.chances.values(),
+               *(shape.p_value for shape in shapes)]
+    return min(chances) >= settings.error_rate
 
 
 def _consistent_families(

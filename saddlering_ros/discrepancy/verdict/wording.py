@@ -1,6 +1,7 @@
 """Every sentence of a verdict, for a ring and for a declared model."""
 
 from collections.abc import Callable, Mapping, Sequence
+import math
 from typing import Any
 
 from saddlering_ros import quantities
@@ -402,8 +403,10 @@ ROUGH = ('the simulator answers in steps, or with errors of its solver: the step
          'may be wrong: give more digits, or a tighter tolerance')
 REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
                  'comparison of causes counts the remainder as model error')
-OTHER_UNIT = ('{0}: the readings are about {1} times what the simulator gives{2}: check the unit '
-              'and the sign of {0} in the readings and in simulate')
+SLOW_NOISE = ('the misfit is as random as noise with a correlation time of about {} would be: if '
+              'the sensors have such noise, nothing is wrong: declare it (Noise.spectrum, '
+              'Noise.from_rest). Noise as slow as this is not learnt from a misfit, because a '
+              'cause can look alike')
 NEVER_MOVES = ('{0}: the simulator gives one value throughout each run, whatever the parameters: '
                'check what simulate returns for {0}')
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
@@ -422,6 +425,20 @@ NOT_NOISE = ('the misfit in {} is no noise of a smaller size either: neighbourin
              'alike, by a cause that the overestimated noise hides or by noise that is correlated')
 HIDDEN = ('the interval of {} counts no cause too small to show: {} of {} would change the size '
           'by {}')
+
+
+USUAL_FACTORS, BASE_LEAVES_OPEN = sorted([
+    *(10.0**power for power in range(-9, 10)), 57.3, 1 / 57.3, 9.81, 1 / 9.81]), 1.35
+"""Factors between units: of prefixes, of degrees and radians, of kilogram-force and newton; and
+the error of a factor that the bounds of the base parameters usually permit."""
+
+
+def unit_words(channel: str, factor: float) -> str:
+    near = ' or '.join(quantities.compact(math.copysign(one, factor)) for one in USUAL_FACTORS
+                       if abs(math.log(one / abs(factor))) < math.log(BASE_LEAVES_OPEN))
+    return (f'{channel}: the readings are about {quantities.compact(factor, 2)} times what the '
+            f'simulator gives{near and f" ({near}?)"}: check the unit and the sign of {channel} '
+            'in the readings and in simulate')
 
 
 def oscillation_words(fast: FastResidual, time_unit: str) -> str:
