@@ -128,7 +128,8 @@ def play(
             alarm = _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
                           length / args.rate if args.rate else None,
                           (lambda _: None) if args.json == '-' else partial(
-                              print, 'ring_alarm:', flush=True))
+                              print, 'ring_alarm:', flush=True),
+                          lambda: None if recorder is None else recorder.fault)
             sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
             last = time.monotonic() + LAST_MESSAGES
             while recorder is not None and (missing := recorder.missing(sent)):
@@ -136,6 +137,8 @@ def play(
                     raise NodeError(f'the recording is incomplete ({missing}): repeat the replay')
                 time.sleep(0.02)
         except BaseException:
+            if recorder is not None and recorder.fault is not None:
+                raise recorder.fault from None
             if recorder is not None:
                 on_cut(recorder.keep_as_incomplete())
             raise
@@ -147,11 +150,12 @@ def play(
 
 
 def _wait(group: Any, deadline: float, seconds: float | None,
-          on_alarm: Callable[[str], None]) -> str | None:
+          on_alarm: Callable[[str], None],
+          fault: Callable[[], Exception | None] = lambda: None) -> str | None:
     """Wait for the end of the bag; the last state of its alarm, in words, None without one.
 
-    on_alarm: called with each new state. NodeError if the clock leaves before the end, or does
-    not start.
+    on_alarm: called with each new state; fault: what has ended a recording, which is raised.
+    NodeError if the clock leaves before the end, or does not start.
     """
     from saddlering_ros.ros.launcher import last_line
     from saddlering_ros.ros.names import NodeError, STATE_TOLD
@@ -171,6 +175,8 @@ def _wait(group: Any, deadline: float, seconds: float | None,
     with Bar() as bar:
         while clock.running and time.monotonic() < deadline:
             group.check()
+            if (problem := fault()) is not None:
+                raise problem
             gone = [name for name, node in group.processes.items() if not node.running]
             if gone and clock.running:
                 raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the '

@@ -8,6 +8,7 @@ import pytest
 
 from saddlering_ros.cli import replay
 from saddlering_ros.cli.main import main
+from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
 from saddlering_ros.ros.names import NodeError
 
@@ -50,6 +51,13 @@ def test_a_replay_whose_nodes_are_slow_to_come_up_does_not_accuse_its_clock(monk
     group = SimpleNamespace(processes={'replay_clock': clock}, check=lambda: None)
     with pytest.raises(NodeError, match=r'start: its nodes are not up within 0 s: if the machine'):
         replay._wait(group, float('inf'), None, print)
+
+
+def test_a_recording_that_has_ended_with_a_fault_ends_the_replay_before_its_bag():
+    clock = SimpleNamespace(running=True, said=lambda: 'replay is playing')
+    group = SimpleNamespace(processes={'replay_clock': clock}, check=lambda: None)
+    with pytest.raises(BagError, match='a full disk'):
+        replay._wait(group, float('inf'), None, print, lambda: BagError('a full disk'))
 
 
 def test_an_alarm_is_told_when_it_comes_and_is_the_result():

@@ -1,7 +1,9 @@
 """A replay ends when every sample of every topic came; anything else is an error."""
 
+import errno
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -61,6 +63,25 @@ def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
     assert 'until then is in ' + str(tmp_path / 'recorded.incomplete.2\n') in said.err
     assert 'appeared' not in said.err
     assert len(read_raw(tmp_path / 'recorded.incomplete.2')['/rig/hydraulic_load']) > 100
+
+
+@pytest.mark.ros
+def test_a_replay_whose_recording_meets_a_full_disk_says_so(
+        bag: Path, ros_domain: int, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch,
+        ) -> None:
+    """It blamed a recorder that "fell behind" and named a folder of no file."""
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('saddlering_ros.ros.launcher.RING_NODES', ('ring_displacement',))
+    monkeypatch.setattr('saddlering_ros.bags.write.McapWriter.add_message', full)
+    assert main(['replay', str(bag), '--domain', str(ros_domain), '--rate', '0', '--record',
+                 str(tmp_path / 'recorded')]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert 'recorded: cannot be written (No space left on device)' in said[-1]
+    assert not [line for line in said if 'incomplete' in line or 'fell behind' in line]
+    shown = Path(re.findall(r'readable in (\S+)', said[-1])[0])
+    assert shown.is_dir()
 
 
 def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_not_kept() -> None:
