@@ -435,7 +435,8 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         best = objectives.stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(
-        objective, space, best, errors_of_ring(objective, best), search.bounds, advice)
+        objective, space, best, errors_of_ring(objective, best), search.bounds, advice,
+        is_minimum=outcome.bottom is not None)
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]

@@ -84,9 +84,12 @@ class Uncertainty:
 
 def assess(
     objective: WeightedObjective, space: SearchSpace, best: Refinement, errors: RingErrors,
-    bounds: dict[str, tuple[float, float]], misfit_advice: str,
+    bounds: dict[str, tuple[float, float]], misfit_advice: str, *, is_minimum: bool = True,
 ) -> Uncertainty:
-    """Judge a refined fit in its `space`; misfit_advice: remedy for a misfit."""
+    """Judge a fit in its `space`; misfit_advice: remedy for a misfit.
+
+    is_minimum: whether it was refined; else the linear step to the minimum is an error, too.
+    """
     reduced = best.chi_square / degrees_of_freedom(objective, best)
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
@@ -103,15 +106,17 @@ def assess(
     if objective.common is not None:  # The part of the readings alone.
         of_readings = objective.common.apply(inverse.T)
         at_noise = of_readings.T @ of_readings
+    step = inverse @ objective.residuals(best.contact[None])[0] * (not is_minimum)
     by_noise = at_noise * widening + np.outer(late, late)
     by_rollers, by_waves, by_others = (moved @ moved.T for moved in (
         inverse @ each.T for each in (errors.rollers, errors.each_wave, errors.others)))
-    even = by_noise + by_rollers + by_others + sum(
+    of_misfit = np.outer(step, step)
+    even = by_noise + of_misfit + by_rollers + by_others + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
     inner = even + by_waves
     total, on_even, of_noise, without_misfit = (
         _spread_over_six(np.sqrt(np.diag(matrix)), space) for matrix in (
-            inner, even, by_noise, even - at_noise * (widening - 1.0)))
+            inner, even, by_noise, even - of_misfit - at_noise * (widening - 1.0)))
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
@@ -120,7 +125,7 @@ def assess(
         _reasons(space, best, systematic, [in_all, of_noise, without_misfit], elevations,
                  misfit_advice) for in_all in (total, on_even))
     # Shares of the variance by source: GUM, JCGM 100, 5.1.
-    variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
+    variances = {'noise': np.diag(by_noise + of_misfit), 'unequal_rollers': np.diag(by_rollers),
                  **({'raceway_waves': np.diag(by_waves)} if errors.waves.rms else {}),
                  **({'other_errors': np.diag(by_others)} if len(errors.others) else {}),
                  **{name: shift**2 for name, shift in of_instruments.items()}}

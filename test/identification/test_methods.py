@@ -411,3 +411,16 @@ def test_a_misfit_that_leaves_a_parameter_open_is_named_with_its_remedy():
         'the default method, which fits closer, or look for the cause with diagnose')
     assert 'add more or longer runs' in reason_open('K2', [wide, wide, wide], *beside)
     assert reason_open('K2', [narrow, narrow, narrow], *beside) is None
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_what_the_papers_swarm_publishes_holds_the_truth(four_runs, seed):
+    # A swarm ends on the valley of K and n, far from its bottom and from the truth.
+    found = identify(four_runs, RIG, IdentificationSettings(method='paper', seed=seed))
+    wrong = [
+        name for name, interval in found.intervals.items() if interval is not None
+        and not interval[0] <= getattr(TRUE_TO_SCALE, name) <= interval[1]]
+    assert not wrong
+    assert found.determined['D1']
+    assert found.determined['D2']
+    assert all('use the default method' in reason for reason in found.reasons.values())
