@@ -17,6 +17,7 @@ import numpy as np
 from saddlering_ros.doubts import Finding
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Floats, Mask
+from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
 from saddlering_ros.rig import FORCE_UNITS, Rig
@@ -40,6 +41,10 @@ STUCK_SHARE = 0.05
 
 DEAD_SHARE = 0.02
 """Share of the largest motion below which a probe does not follow the load."""
+
+FOLLOWING = 2.0
+"""Motion of a probe by the load, over its noise (rms), below which none follows if no other moves
+more. The stiffest ring of the bounds moves one by 0.9 µm and more in a tenth of full scale."""
 
 MIRROR_LIMIT = 0.06
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
@@ -68,11 +73,14 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     # The side is certain but for probes that hardly move at this elevation.
     axial = np.abs(expected[1::2]).max()
     clear = np.abs(expected) >= CLEAR_SIDE * np.array([1.0, axial, 1.0, axial])
+    noise = float(np.median([white_noise(gaps[number - 1]) for number in rig.probes.present]))
+    none_follows = largest < FOLLOWING * noise
     stuck, dead = [], []
     for probe in (number - 1 for number in rig.probes.present):
         is_stuck = _stuck(rig, probe, load, gaps[probe])
         stuck += is_stuck
-        if not is_stuck and clear[probe] and motion[probe] < DEAD_SHARE * largest:
+        is_dead = motion[probe] < DEAD_SHARE * largest and not none_follows
+        if not is_stuck and clear[probe] and is_dead:
             dead.append(Finding(
                 f'probe {probe + 1} does not follow the load: its reading changes by '
                 f'{quantity(motion[probe], "m")} over {rig.force_words(span)}, that of another '
@@ -85,6 +93,12 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
               if np.array_equal(gaps[first], gaps[second])]
     if stuck or dead or copied:
         return [*stuck, *dead, *copied]
+    if none_follows:
+        return [Finding(
+            f'no probe follows the load: over {rig.force_words(span)} the readings change by '
+            f'{quantity(largest, "m", digits=2)} at most, and their noise is '
+            f'{quantity(noise, "m", digits=2)}: check that the probes are connected and face the '
+            'ring, and that load and probes are of one test and one clock')]
     return _mirrored(increments, slope) or _sides(rig, slope, expected, clear)
 
 

@@ -78,6 +78,15 @@ def test_a_date_that_no_test_has_is_noted(recording, tmp_path, begin, details, w
     assert all(words in note for note in noted)
 
 
+@pytest.mark.parametrize('seed', range(8))
+def test_probes_none_of_which_moves_with_the_load_have_no_polarity(seed):
+    """Noise was 'wrong polarity: µm per t +0.00 where - is due', or nothing, by its signs."""
+    gaps = 1e-3 + np.random.default_rng(seed).normal(0.0, 3e-7, (4, len(RAMP)))
+    found, = map(str, wiring_findings(RIG, math.radians(50.0), RAMP, gaps))
+    assert found.startswith('no probe follows the load: over 24.0 t the readings change by ')
+    assert 'noise' in found
+
+
 def test_a_sound_ramp_has_no_note():
     assert rig_findings(RIG, 'dynamic', TIME, RAMP, SPANS) == []
 
