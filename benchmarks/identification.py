@@ -92,7 +92,7 @@ def real_ring(number: int, fault: Fault) -> tuple[Errors, Errors | None]:
                 for place, course in enumerate(usual_courses(RIG)[:-1])]
     found = identify(runs, RIG, IdentificationSettings(seed=number))
     truth = np.array([float(getattr(ring, name)) for name in PARAMETER_NAMES])
-    beside = found.beside_waves
+    beside = found.beside_errors
     return errors_of(found, truth), None if beside is None else errors_of(beside, truth)
 
 

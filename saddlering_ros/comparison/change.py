@@ -31,7 +31,7 @@ from saddlering_ros.effects.raceway_waves import rms_of
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.methods import identify_even
+from saddlering_ros.identification.methods import identify_plain
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record.record import Record
@@ -179,7 +179,7 @@ def compare_records(
             for number, one in enumerate(built, start=1))
     earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
-    identified = identify_even(list(before), rig, is_cancelled=is_cancelled)
+    identified = identify_plain(list(before), rig, is_cancelled=is_cancelled)
     ring, law = with_raceways(RingSystem(rig), [one.run for one in earlier],
                               identified.parameters.contact.to_array(), watch)
     start = dict(zip(PARAMETER_NAMES, law.tolist(), strict=True))

@@ -18,7 +18,7 @@ from saddlering_ros.discrepancy import Diagnosis, Settings
 from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.identification.methods import identify_even
+from saddlering_ros.identification.methods import identify_plain
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
@@ -57,7 +57,7 @@ def diagnose_ring(
     watch.progress('contact parameters', 0.0)
     alone: Identification | str  # the contact law of these runs without causes, or why none
     try:
-        alone = identify_even(runs, rig, is_cancelled=is_cancelled)
+        alone = identify_plain(runs, rig, is_cancelled=is_cancelled)
     except IdentificationError as refusal:
         alone = str(refusal)
     if not isinstance(alone, str):

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from saddlering_ros.effects import NO_EXTENSION
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation import least_squares
 from saddlering_ros.estimation.least_squares import LazyAnswer, SearchSpace
@@ -19,7 +20,7 @@ from saddlering_ros.rig.description import DEFAULT_BOUNDS
 from saddlering_ros.rig.geometry import probes_to_displacement, with_absent
 from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, in_parallel, probe_batch, static_batch
-from saddlering_ros.ring.small_errors import SmallError, with_error
+from saddlering_ros.ring.small_errors import Machine
 
 LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
@@ -64,28 +65,31 @@ def idle() -> None:
 
 
 AT_ONCE = 8
-"""Number of small errors of a run that are simulated at a time, between reports."""
+"""Number of machines on which a run is simulated at a time, between reports."""
 
 BEFORE = 1.0
 """Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
 
 
-def changes_by(
-    rig: Rig, contact: Array, observation: Observation, errors: Sequence[SmallError],
+def changes_on(
+    rig: Rig, contact: Array, observation: Observation, machines: Sequence[Machine],
 ) -> Array:
-    """Change (M, 3, N) [m, m, rad] of the increments of a run by each of M small errors."""
+    """Changes (M, 3, N) [m, m, rad] of the increments of a run on each of M machines.
+
+    rig: whose probes the readings are taken for.
+    """
     time = np.append(observation.fine_time[0] - BEFORE, observation.fine_time)
     load = np.append(observation.zero_load, observation.fine_load)
 
-    def seen_with(error: SmallError) -> Array:
-        other, extension = with_error(rig, error)
+    def seen_on(machine: Machine) -> Array:
+        other, extension = machine
         probes = probe_batch(other, [(contact, extension)], observation.elevation, time, load,
                              max_step=_longest_step(observation))[0]
         present = probes[[number - 1 for number in rig.probes.present], 1:]
         seen = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
         return _means(observation, seen.channels[:3])
 
-    usual, *changed = in_parallel(seen_with, [{}, *errors])
+    usual, *changed = in_parallel(seen_on, [(rig, NO_EXTENSION), *machines])
     return np.stack(changed) - usual
 
 
@@ -216,11 +220,11 @@ class WeightedObjective:
             for one, increments, length in zip(self.observations, settling, lengths, strict=True)])
 
     def changes(
-        self, contact: Array, errors: Sequence[SmallError], on_work: OnWork = idle) -> list[Array]:
-        """Changes (M, 3, N) of the increments of each run by each of M small errors."""
+        self, contact: Array, machines: Sequence[Machine], on_work: OnWork = idle) -> list[Array]:
+        """Changes (M, 3, N) of the increments of each run on each of M machines."""
         parts = []
-        for first in range(0, len(errors), AT_ONCE):
-            parts.append([changes_by(self.rig, contact, one, errors[first:first + AT_ONCE])
+        for first in range(0, len(machines), AT_ONCE):
+            parts.append([changes_on(self.rig, contact, one, machines[first:first + AT_ONCE])
                           for one in self.observations])
             on_work()
         return [np.concatenate(of_run) for of_run in zip(*parts, strict=True)]

@@ -48,8 +48,8 @@ class Identification(FittedLaw):
     determine a parameter, std is NaN, the interval is None, reasons states why, and the value is
     the best known one. All of these allow for unequal rollers; the covariance in the parameters'
     source counts noise alone, for predictions of the same ring and its changes. The law is that of
-    even raceways. beside_waves: that of the contacts, where waves bend the former and explain the
-    misfit.
+    a ring without errors. beside_errors: that of the contacts, where waves of the raceways and
+    small errors of ring and rig bend the former and explain the misfit.
     """
 
     source: ParameterSource
@@ -62,7 +62,7 @@ class Identification(FittedLaw):
     status: str
     cancelled: bool
     notes: tuple[str, ...] = ()
-    beside_waves: FittedLaw | None = None
+    beside_errors: FittedLaw | None = None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -93,7 +93,7 @@ class Identification(FittedLaw):
                 for key, shift in self.systematic.items()},
             'budget': self.budget,
             'raceway_waves': self.waves.rms,
-            'beside_waves': None if (beside := self.beside_waves) is None else {
+            'beside_errors': None if (beside := self.beside_errors) is None else {
                 'raceway_waves': beside.waves.rms, 'parameters': beside.entries,
                 'covariance': beside.covariance.tolist()},
             'joint': self.joint,
@@ -143,7 +143,7 @@ def identification_text(identification: Identification) -> str:
         f'{identification.sound_factor:.2f} times noise and small errors of a sound ring',
         '[[Parameters]]',
         *(f'    {parameter_words(name, entry)}' for name, entry in identification.entries.items()),
-        f'    {INTERVALS}', *_lines_beside_waves(identification.beside_waves),
+        f'    {INTERVALS}', *_lines_beside_errors(identification.beside_errors),
         '[[Stiffness in N/mm^n, as in ADAMS]]', *_stiffness_lines(identification),
         '[[Effect of small imperfections of the rig]]', *_imperfection_lines(identification),
         f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
@@ -159,19 +159,21 @@ def identification_text(identification: Identification) -> str:
     return '\n'.join(lines)
 
 
-def beside_waves_words(rms: float) -> str:
-    """What the contact law beside waves of an rms [m] is."""
-    return (f'Raceways that wave by {quantity(rms, "m", digits=2)} (rms) explain the misfit. With '
-            'the parameters above a ring with even raceways comes nearest to the measurement. The '
-            'parameters beside the waves are the contact law of the rollers. Their intervals also '
-            'allow for small imperfections of the rig.')
+def beside_errors_words(waves: float) -> str:
+    """What the contact law beside errors of a ring is; waves: rms [m] of its raceways, or 0."""
+    which = 'Usual small errors of friction, creep, structure, load and probes explain the misfit'
+    beside = (f', beside raceways that wave by {quantity(waves, "m", digits=2)} (rms)'
+              if waves else '')
+    return (f'{which}{beside}. With the parameters above a ring without errors comes nearest to '
+            'the measurement. The parameters beside the errors are the contact law of the '
+            'rollers. Their intervals allow for such errors.')
 
 
-def _lines_beside_waves(law: FittedLaw | None) -> Iterator[str]:
+def _lines_beside_errors(law: FittedLaw | None) -> Iterator[str]:
     if law is not None:
-        yield '[[Parameters beside waves of the raceways]]'
+        yield '[[Parameters beside small errors of the ring]]'
         yield from (f'    {parameter_words(name, entry)}' for name, entry in law.entries.items())
-        yield f'    {beside_waves_words(law.waves.rms)}'
+        yield f'    {beside_errors_words(law.waves.rms)}'
 
 
 def _stiffness_lines(identification: Identification) -> Iterator[str]:

@@ -5,7 +5,7 @@ covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run
 fits worse than that noise, it is widened by that run's mean square residual (Birge ratio). The
 effect of unequal rollers is added: the estimate is G r with G = J^+, so that residuals r of
 covariance I + S S^T (S: small_errors.py) give it the covariance G G^T + G S S^T G^T. So is that of
-waves of the raceways, where the misfit shows them (raceways.py).
+waves of the raceways, where the misfit shows them (ring_errors.py).
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,10 +19,10 @@ import numpy as np
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import Refinement, WeightedObjective
-from saddlering_ros.identification.raceways import degrees_of_freedom, RingErrors, unlike, Waves
+from saddlering_ros.identification.ring_errors import degrees_of_freedom, RingErrors, unlike, Waves
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
-from saddlering_ros.ring.small_errors import certified_errors, SmallError
+from saddlering_ros.ring.small_errors import certified_errors, SmallError, with_error
 
 DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
@@ -94,7 +94,8 @@ def assess(
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     certified = certified_errors(objective.rig)
-    changes = objective.changes(best.contact, [*IMPERFECTIONS.values(), *certified.values()])
+    changes = objective.changes(best.contact, [
+        with_error(objective.rig, one) for one in (*IMPERFECTIONS.values(), *certified.values())])
     shifts = objective.whiten(changes) @ inverse.T
     systematic = {name: _spread_over_six(shift, space)
                   for name, shift in zip(IMPERFECTIONS, shifts, strict=False)}

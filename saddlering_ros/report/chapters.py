@@ -13,7 +13,7 @@ from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_wor
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.raceway_waves import shown_sizes
-from saddlering_ros.identification.result import beside_waves_words, INTERVALS
+from saddlering_ros.identification.result import beside_errors_words, INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -344,7 +344,7 @@ OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter 
 
 def identified(document: Mapping[str, Any], words: str = '') -> str:
     """Result of an identification: values, errors, intervals, undetermined parameters."""
-    items, beside = document['parameters'], document.get('beside_waves')
+    items, beside = document['parameters'], document.get('beside_errors')
     rows = _of_parameters(items)
     rows += _per_millimetre({name: item['value'] for name, item in items.items()},
                             [name for name, item in items.items() if item['reason']])
@@ -355,8 +355,8 @@ def identified(document: Mapping[str, Any], words: str = '') -> str:
         html.paragraph(f'{document["evaluations"]} simulations in {document["elapsed"]:.1f} s; '
                        f'{document["status"]}.'),
         html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
-        html.table(HEAD, _of_parameters(beside['parameters']), 'Beside waves of the raceways')
-        + html.paragraph(beside_waves_words(beside['raceway_waves'])) if beside else '',
+        html.table(HEAD, _of_parameters(beside['parameters']), 'Beside small errors of the ring')
+        + html.paragraph(beside_errors_words(beside['raceway_waves'])) if beside else '',
         html.picture(figures.joint_regions(document), 'joint_regions',
                      'K and n of a row, with noise and unequal rollers. A parameter without an '
                      'interval is not determined.')

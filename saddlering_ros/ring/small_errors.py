@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.effects.extension import at_probe, NO_EXTENSION, RingExtension
-from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.rig import Displacement, Rig, RollerRow
 from saddlering_ros.rig.description import place_of
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
@@ -303,7 +302,11 @@ def certified_errors(rig: Rig) -> dict[str, SmallError]:
     return errors
 
 
-def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
+Machine = tuple[Rig, RingExtension]
+"""A rig with its dimensions, and the errors of its ring."""
+
+
+def with_error(rig: Rig, error: SmallError) -> Machine:
     """The rig with the dimensions of an error, and the extension by its effects.
 
     The extension has a field for each of these effects, so that a catalogue may lack them.
@@ -313,9 +316,6 @@ def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
         size = [*values.values()][-1]
         if name in DIMENSIONS:
             rig = DIMENSIONS[name].changed(rig, size)
-            continue
-        if name == RacewayWaves.id:
-            extension = RacewayWaves().extend(extension, values)
             continue
         changed: dict[str, Any] = {row: replace(getattr(extension, row), gap=0.5 * size)
                                    for row in ROWS.get(name, ())}

@@ -71,6 +71,6 @@ def test_a_cancel_during_the_identification_of_a_diagnosis_gives_no_verdict(monk
 
     half_done = object.__new__(Identification)
     object.__setattr__(half_done, 'cancelled', True)
-    monkeypatch.setattr(ring_diagnosis, 'identify_even', lambda *_, **__: half_done)
+    monkeypatch.setattr(ring_diagnosis, 'identify_plain', lambda *_, **__: half_done)
     with pytest.raises(Cancelled):
         ring_diagnosis.diagnose_ring([static_run(50.0, seed=1)], rig=RIG)

@@ -9,7 +9,7 @@ import pytest
 
 from saddlering_ros.effects import effect, NO_EXTENSION
 from saddlering_ros.identification.methods import identify
-from saddlering_ros.identification.objective import changes_by, predict
+from saddlering_ros.identification.objective import changes_on, predict
 from saddlering_ros.identification.observation import observe_prepared
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.identification.uncertainty import IMPERFECTIONS
@@ -70,7 +70,8 @@ def test_an_error_of_a_probe_moves_what_that_probe_reads(absent, runs):
     moved = {1: radial, 2: np.outer([-height / span, 0.5, 1.0 / span], y + 0.5 * span * gamma),
              3: radial, 4: np.outer([height / span, 0.5, -1.0 / span], y - 0.5 * span * gamma)}
     errors = certified_errors(rig)
-    changes = changes_by(rig, contact, run, list(errors.values()))
+    changes = changes_on(
+        rig, contact, run, [with_error(rig, error) for error in errors.values()])
     # The prediction starts at rest at the zero, and a run at its first load: 2 nm at most.
     assert dict(zip(errors, changes, strict=True)) == {f'probe_gain_{number}': pytest.approx(
         gains[number - 1] * moved[number], rel=1e-3, abs=2e-9) for number in rig.probes.present}

@@ -14,8 +14,8 @@ from saddlering_ros.identification import methods, uncertainty
 from saddlering_ros.identification import objective as objectives
 from saddlering_ros.identification.methods import identify, MISFIT_ADVICE
 from saddlering_ros.identification.objective import average_branches, predict, WeightedObjective
-from saddlering_ros.identification.raceways import errors_of_ring
 from saddlering_ros.identification.result import identification_text
+from saddlering_ros.identification.ring_errors import errors_of_ring
 from saddlering_ros.identification.settings import (
     IdentificationError,
     IdentificationSettings,

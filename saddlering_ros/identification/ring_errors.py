@@ -1,20 +1,25 @@
-"""Waves of the raceways as errors of an identification, of the size that its misfit shows.
+"""Errors of a ring that an identification allows for: rollers, waves of the raceways, small ones.
 
 A wave moves the ring over the load nearly as another K and n do, so that K and n of a ring whose
 raceways are not even are wrong by more than noise and unequal rollers explain. Waves are
 independent errors, whose standard deviation is a power of the number of their maxima, the same in
 each row. Sizes and powers are compared, together with the noise beside them, and count by the
 restricted likelihood of the residuals (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545).
+
+Friction, creep, structure and probes of every rig have small errors, which act on D and K, too.
+They are drawn from the catalogue, a share of the typical sizes of its effects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 
 import numpy as np
 
+from saddlering_ros.effects import catalogue, EffectParameter, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, WAVES
+from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import (
     BEFORE,
@@ -22,9 +27,10 @@ from saddlering_ros.identification.objective import (
     OnWork,
     predict,
     Refinement,
+    stay_at,
     WeightedObjective,
 )
-from saddlering_ros.rig import Displacement
+from saddlering_ros.rig import ContactParameters, Displacement, Rig
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
 from saddlering_ros.ring.small_errors import (
     certified_errors,
@@ -33,13 +39,14 @@ from saddlering_ros.ring.small_errors import (
     known_errors,
     scatter_columns,
     SmallError,
+    with_error,
 )
 
 WAVE = 1e-6
 """Size [m] by which waves are simulated."""
 
-EACH_WAVE: list[SmallError] = [
-    {RacewayWaves.id: {one.name: WAVE}}
+EACH_WAVE = [
+    RacewayWaves().extend(NO_EXTENSION, {one.name: WAVE})
     for one in RacewayWaves.parameters if '_cosine_' in one.name]
 """A wave each. Sines move a ring that is loaded in its plane of symmetry by their square only."""
 
@@ -59,8 +66,16 @@ arm, an elevation or a bent load cell explain as much as waves, and bend K and n
 
 
 DRAWS = 128
-"""Number of draws of waves. Their errors of deviations are 6 %."""
+"""Number of draws of errors. Their errors of deviations are 6 %."""
 
+DRAWN = (
+    'axial_compliance', 'cylinder_friction', 'film_creep', 'probe_bracket', 'probe_drift',
+    'probe_gain', 'probe_height', 'probe_nonlinearity', 'radial_compliance', 'radial_friction',
+    'ring_ovalisation', 'settling', 'tilt_compliance', 'tilt_friction')
+"""Effects of which every rig has a small error."""
+
+SMALL = 0.1
+"""Standard deviation of a small error, as a share of the typical size of its effect."""
 
 SEEN = 5.99
 """Twice the logarithm of the likelihood ratio from which waves count: 95 % quantile of chi square
@@ -74,12 +89,13 @@ class Waves:
     sizes: Array
     share: float
 
-    def drawn(self, seed: int) -> list[SmallError]:
+    def drawn(self, seed: int) -> list[RingExtension]:
         """Draws of cosine and sine of each wave."""
         names = [one.name for one in RacewayWaves.parameters]
         sizes = WAVE * np.repeat(self.sizes, 2)
         draws = sizes * np.random.default_rng(seed).standard_normal((DRAWS, sizes.size))
-        return [{RacewayWaves.id: dict(zip(names, one, strict=True))} for one in draws.tolist()]
+        return [RacewayWaves().extend(NO_EXTENSION, dict(zip(names, one, strict=True)))
+                for one in draws.tolist()]
 
     @property
     def rms(self) -> float:
@@ -108,7 +124,7 @@ def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves
         found.append((float(deviance[place]), float(noise[place, 0]), sizes))
     least, remains, sizes = min(found, key=lambda one: one[0])
     share = (power / freedom - remains) / max(power / freedom - 1.0, 1e-12)
-    if share < EXPLAINED or found[0][0] - least < SEEN:
+    if found[0][0] - least < SEEN:
         return Waves(0.0 * sizes, min(max(share, 0.0), 1.0))
     weights = np.exp(0.5 * (least - np.array([deviance for deviance, _, _ in found])))
     variances = weights @ np.array([sizes**2 for _, _, sizes in found]) / weights.sum()
@@ -135,49 +151,101 @@ class RingErrors:
         return np.vstack([self.rollers, self.known])
 
 
-def errors_of_ring(
-    objective: WeightedObjective, best: Refinement, on_work: OnWork = idle) -> RingErrors:
-    """Errors of a fit on even raceways, and the waves that its misfit shows."""
+def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors:
+    """Errors of a fit on even raceways, and the waves that explain most of its misfit."""
     rollers, known = _sound_errors(objective, best.contact)
-    each = objective.whiten(objective.changes(best.contact, EACH_WAVE, on_work))
+    each = objective.whiten(_changes(objective, best.contact, EACH_WAVE))
     waves = waves_of(
         unlike(best, objective.residuals(best.contact[None])[0]),
         unlike(best, compressed(np.vstack([rollers, known]).T).T), unlike(best, each),
         degrees_of_freedom(objective, best))
+    if waves.share < EXPLAINED:
+        waves = replace(waves, sizes=0.0 * waves.sizes)
     return RingErrors(rollers, known, waves, waves.sizes[:, None] * each, each[:0])
 
 
-def beside_waves(
-    objective: WeightedObjective, contact: Array, errors: RingErrors, others: Sequence[SmallError],
-    seed: int, on_work: OnWork,
-) -> WeightedObjective:
-    """The objective beside other errors, those of a sound ring, and draws of the waves.
+def beside_errors(
+    objective: WeightedObjective, space: SearchSpace, law: ContactParameters,
+    usual: Sequence[SmallError], seed: int, on_work: OnWork,
+) -> tuple[WeightedObjective, Waves]:
+    """The objective beside errors of a ring and its rig, and the waves that its residuals show.
 
-    Those of certificates come last of the others.
+    usual: errors of the rig that come first of those of the objective.
     """
-    stated = [error for source, error in certified_errors(objective.rig).items()
-              if source not in KNOWN]
-    further = objective.changes(contact, [*others, *stated], on_work)
-    return objective.beside(objective.changes(contact, errors.waves.drawn(seed), on_work),
-                            np.vstack([objective.whiten(further), errors.sound]))
+    contact, rig = law.to_array(), objective.rig
+    stated = [error for source, error in certified_errors(rig).items() if source not in KNOWN]
+    further = np.vstack([
+        objective.whiten(objective.changes(
+            contact, [with_error(rig, error) for error in (*usual, *stated)], on_work)),
+        *_sound_errors(objective, contact)])
+    small = _changes(objective, contact, small_errors(rig, seed), on_work)
+    beside = objective.beside(small, further)
+    here = stay_at(beside, space, law)
+    waves = waves_of(
+        unlike(here, beside.residuals(contact[None])[0]), further[:0],
+        unlike(here, beside.whiten(_changes(objective, contact, EACH_WAVE, on_work))),
+        degrees_of_freedom(beside, here))
+    if not waves.rms:
+        return beside, waves
+    wavy = _changes(objective, contact, waves.drawn(seed), on_work)
+    both = [one + other for one, other in zip(small, wavy, strict=True)]
+    return objective.beside(both, further), waves
 
 
 def errors_beside(
-    objective: WeightedObjective, best: Refinement, waves: Waves, others: Sequence[SmallError],
+    objective: WeightedObjective, best: Refinement, waves: Waves, usual: Sequence[SmallError],
     seed: int, on_work: OnWork,
 ) -> RingErrors:
-    """Errors of a fit beside waves, of which others are drawn.
-
-    others: of the rig; those of certificates are no part of them.
-    """
+    """Errors of a fit beside others; those of certificates are no part of them."""
     rollers, known = _sound_errors(objective, best.contact)
     stated = certified_errors(objective.rig)
     is_open = np.tile([source not in stated for source in KNOWN], 2)
-    drawn, further = (objective.whiten(objective.changes(best.contact, errors, on_work))
-                      for errors in (waves.drawn(seed), others))
+
+    def drawn(errors: Sequence[RingExtension]) -> Array:
+        moved = objective.whiten(_changes(objective, best.contact, errors, on_work))
+        return np.asarray((moved - moved.mean(axis=0)) / math.sqrt(DRAWS - 1))
+
+    further = objective.whiten(objective.changes(
+        best.contact, [with_error(objective.rig, error) for error in usual], on_work))
     return RingErrors(
-        rollers, known, waves, (drawn - drawn.mean(axis=0)) / math.sqrt(DRAWS - 1),
-        np.vstack([known[is_open], further]))
+        rollers, known, waves, drawn(waves.drawn(seed)) if waves.rms else further[:0],
+        np.vstack([known[is_open], further, drawn(small_errors(objective.rig, seed))]))
+
+
+def small_errors(rig: Rig, seed: int) -> list[RingExtension]:
+    """Draws of small errors of which no certificate states another size."""
+    random, stated = np.random.default_rng([seed, 1]), {
+        name for error in certified_errors(rig).values() for name in error}
+    chosen = [one for name, one in catalogue().items() if name in DRAWN and name not in stated]
+    draws = []
+    for _ in range(DRAWS):
+        extension = NO_EXTENSION
+        for one in chosen:
+            for variant in one.variants:
+                if not variant.frees:
+                    values = {item.name: _drawn(item, random)
+                              for item in one.parameters_of(variant, rig)}
+                    extension = one.extend(extension, {**values, **variant.values})
+        draws.append(extension)
+    return draws
+
+
+def _drawn(item: EffectParameter, random: np.random.Generator) -> float:
+    """Value of a small error, or of a parameter that shapes it and may be any usual one."""
+    if item.amplitude:
+        size = SMALL * item.scale * random.standard_normal()
+        return abs(size) if item.one_sided else float(size)
+    about = random.uniform(-1.0, 1.0)
+    value = item.start * 10.0**about if item.logarithmic else item.start + item.scale * about
+    return float(np.clip(value, item.low, item.high))
+
+
+def _changes(
+    objective: WeightedObjective, contact: Array, errors: Sequence[RingExtension],
+    on_work: OnWork = idle,
+) -> list[Array]:
+    """Changes of the increments of each run by errors of the ring."""
+    return objective.changes(contact, [(objective.rig, one) for one in errors], on_work)
 
 
 def _sound_errors(objective: WeightedObjective, contact: Array) -> tuple[Array, Array]:
