@@ -62,6 +62,16 @@ def table(path: Path) -> dict[str, np.ndarray]:
                             for row in rows]) for place, name in enumerate(names)}
 
 
+@pytest.mark.parametrize('command', ['simulate', 'residual'])
+def test_a_simulation_states_parameters_that_their_data_leave_open(bag, tmp_path, command, capsys):
+    path = tmp_path / 'static.yaml'
+    write_parameters(path, ParameterSet(TRUE_TO_SCALE, {}, ParameterSource(
+        'paper', ('s',), None, None, '', undetermined={'D1': 'why', 'D2': 'why'})))
+    assert main([command, str(bag), '--params', str(path)]) == 0
+    out = ' '.join(capsys.readouterr().out.split())
+    assert f'note: the data of {path} do not determine D1, D2: where' in out
+
+
 def test_displacement_writes_what_the_probes_measured_to_the_last_bit(bag, tmp_path, capsys):
     assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
     assert (tmp_path / 'd.csv').read_text().startswith(HEADER + '\n')
