@@ -27,13 +27,14 @@ from saddlering_ros.diagnosis.ring_wording import (
 from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
+from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects.raceway_waves import rms_of
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.methods import identify_plain
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
-from saddlering_ros.quantities import finite_json, lowered
+from saddlering_ros.quantities import finite_json, lowered, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
@@ -196,7 +197,9 @@ def compare_records(
                     'them: the contact law before is fitted with them, and has no interval')
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
-              *rig_dimensions.assumed_notes(rig)]
+              *rig_dimensions.assumed_notes(rig),
+              *told_once((record.name, note) for record in (*before, *after)
+                         for note in record.notes)]
     contact = contact_of_sessions(diagnosis, system, estimates_of(
         law, np.full(law.size, math.nan) if ring.raceways else identified.std))
     differs, left = (sessions.left_between(diagnosis, fit.prediction, system)
@@ -213,7 +216,8 @@ def compare_records(
     return Change(
         diagnosis, earlier, later, contact, _limits_alone(ring, later, start, seed, watch),
         figures_of_sessions(rig, before, after), (*doubts, *notes),
-        _next_test(diagnosis, doubts, rig), rig,
+        ' '.join(filter(None, (wiring_first(rig, [*before, *after]), _next_test(
+            diagnosis, doubts, rig)))) or None, rig,
         seed, series_of(ring, prepared, start, watch) if between else None)
 
 

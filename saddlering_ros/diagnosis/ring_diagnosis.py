@@ -15,7 +15,7 @@ from saddlering_ros.diagnosis.records import build_record, DiagnosisError, Prepa
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Settings
-from saddlering_ros.doubts.wiring import wiring_first
+from saddlering_ros.doubts.wiring import units_in_words, wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification.methods import identify_plain
@@ -48,7 +48,8 @@ def diagnose_ring(
     if top <= least:
         raise DiagnosisError(f'{runs[0].path}: no load exceeds {rig.force_words(least)}, a fifth '
                              f'of full scale (highest {rig.force_words(top)}): add a run with '
-                             "more load, or correct the rig file's full_scale_load")
+                             f"more load, or correct the rig file's full_scale_load"
+                             f'{units_in_words(runs[0].notes)}')
     records = _with_own_names([
         *(build_record(rig, run, held_out=False) for run in runs),
         *(build_record(rig, run, held_out=True) for run in hold_out)])

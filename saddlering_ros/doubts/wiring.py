@@ -103,13 +103,28 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
 
 
 def wiring_first(rig: Rig, runs: Sequence[Record]) -> str:
-    """What to do about probable faults of the wiring before any test; '' without such faults."""
-    faults: dict[str, list[str]] = {}
+    """What to do about probable faults of wiring and units before any test; '' without any."""
+    faults: dict[tuple[str, str], list[str]] = {}
     for run in runs:
         for finding in wiring_findings(rig, run.elevation, run.load, run.gaps):
-            faults.setdefault(finding.words.partition(':')[0], []).append(run.name)
-    return ' '.join(f'See to the wiring first: in {", ".join(names)} {fault}.'
-                    for fault, names in faults.items())
+            fault = finding.words.partition(':')[0]
+            faults.setdefault(('wiring', fault), []).append(run.name)
+        for unit in units_of_notes(run.notes):
+            faults.setdefault(('units', f'readings look like {unit}'), []).append(run.name)
+    return ' '.join(f'See to the {place} first: in {", ".join(names)} {fault}.'
+                    for (place, fault), names in faults.items())
+
+
+def units_of_notes(notes: Sequence[str]) -> list[str]:
+    """Units that notes of a record name as those of its readings: 'lbf (the preload is ..)'."""
+    parts = (note.partition(': publish')[0].partition('which looks like ')
+             for note in notes if ': publish' in note)
+    return [unit for _, _, unit in parts if unit]
+
+
+def units_in_words(notes: Sequence[str]) -> str:
+    """The end of an error of small readings: '; the readings look like kgf or daN ..', or ''."""
+    return ''.join(f'; the readings look like {unit}' for unit in units_of_notes(notes))
 
 
 def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from saddlering_ros.doubts.wiring import units_in_words
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation import noise, rest
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, filled
@@ -259,7 +260,8 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             f'{name}: the load never exceeds {rig.force_words(least)} (highest '
             f'{rig.force_words(top)}), a fifth of full scale '
             f'({rig.force_words(rig.full_scale_load)}'
-            "): load the ring further, or correct the rig file's full_scale_load")
+            "): load the ring further, or correct the rig file's full_scale_load"
+            f'{units_in_words(run.notes)}')
     end = min(max(1, len(run.load) // 100), MAX_END)
     begins, ends = (float(np.nanmedian(run.load[part])) > 0.5 * top
                     for part in (slice(end), slice(-end, None)))

@@ -293,12 +293,17 @@ def test_what_looks_swapped_comes_before_any_test(sound):
     from saddlering_ros.doubts.wiring import wiring_first
     load, gaps = sound
     swapped = SimpleNamespace(
-        name='static_50', elevation=np.radians(50.0), load=load, gaps=gaps[[0, 3, 2, 1]])
+        name='static_50', elevation=np.radians(50.0), load=load, gaps=gaps[[0, 3, 2, 1]],
+        notes=[])
     assert wiring_first(default_rig(), [swapped]) == (
         'See to the wiring first: in static_50 probes 2 and 4 look swapped, or both of the wrong '
         'polarity.')
     swapped.gaps = gaps
     assert not wiring_first(default_rig(), [swapped])
+    swapped.notes = ['the load begins at 1101 N, which looks like lbf: publish newtons',
+                     'the load is held, which looks like a static test: give --test static']
+    assert wiring_first(default_rig(), [swapped]) == (
+        'See to the units first: in static_50 readings look like lbf.')
 
 
 def test_a_stuck_a_clipped_and_a_dead_probe_are_named(sound):

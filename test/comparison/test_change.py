@@ -83,6 +83,8 @@ def compared(before, made_once):
     """Friction that grew by 1500 N, and the progress; compared once for all workers."""
     def make(folder):
         after = session(3, with_size(dirt(), 'radial_friction', 1850.0))
+        for record in after:
+            record.notes.append('probe 2 looks dirty')
         with few_effects('radial_friction', 'tilt_friction', 'cylinder_friction', 'film_creep',
                          'settling', 'probe_gain', 'load_gain', 'moment_arm', 'radial_clearance'):
             change = compare_records(before, after, rig=RIG, on_progress=listen)
@@ -164,6 +166,10 @@ def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(befo
     doubted = grown.diagnosis.in_doubt()
     assert (doubted.verdict, doubted.complete) == ('unknown', False)
     assert all(cause.partial for cause in doubted.causes)
+
+
+def test_notes_of_the_bags_stand_among_those_of_the_change(grown):
+    assert 'static_50_3, dynamic_50_3: probe 2 looks dirty' in grown.notes
 
 
 def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):

@@ -28,6 +28,10 @@ def test_a_load_that_never_rises_is_an_error_in_one_line(campaign):
     run = read_run(campaign()[2])
     with pytest.raises(DiagnosisError, match=r'no load exceeds 5\.0 t, a fifth of full scale'):
         diagnosis.diagnose_ring([replace(run, load=0.1 * run.load)], rig=default_rig())
+    notes = ['the load begins at 500 N, which looks like kgf or daN: publish newtons']
+    with pytest.raises(DiagnosisError, match=r'; the readings look like kgf or daN$'):
+        diagnosis.diagnose_ring([replace(run, load=0.1 * run.load, notes=notes)],
+                                rig=default_rig())
 
 
 def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):
