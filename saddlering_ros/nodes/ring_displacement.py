@@ -198,6 +198,10 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                               'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '
                               '(rig.probes.absent), parity unknown')
+        if len(silent) == len(self._rig.probes.present):
+            return TaskStatus(ERROR, 'no probe reads at the stamps of the load, and nothing is '
+                                     'published: see to the probes, or to the clocks (status '
+                                     'clocks)')
         channels = ' and '.join(sorted({'delta_x' if number % 2 else 'delta_y and gamma'
                                         for number in missing}))
         fault, remedy = (('does not read', 'repair the probe, then') if silent else

@@ -142,6 +142,8 @@ def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() ->
     zero = SimpleNamespace(reading=SimpleNamespace(gaps=(1e-3, np.nan, 1e-3, 1e-3)))
     for missing, words in (([2, 0, 0, 0], 'probe 1 does not read, delta_x unknown'),
                            ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown'),
+                           ([5] * 4, 'no probe reads at the stamps of the load, and nothing is '
+                                     'published'),
                            ([0] * 4, 'probe 2 did not read at the zero, delta_y and gamma unknown')
                            ):
         node: Any = SimpleNamespace(
