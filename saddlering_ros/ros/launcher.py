@@ -22,7 +22,13 @@ import threading
 import time
 from typing import Any
 
-from saddlering_ros.files import check_writable, remove_unlocked, share_directory, temporary_folder
+from saddlering_ros.files import (
+    check_writable,
+    FileConflict,
+    remove_unlocked,
+    share_directory,
+    temporary_folder,
+)
 from saddlering_ros.ros.names import ALARM, names, NodeError, REPLAY, RING, SIGNALS
 
 REPLAY_NODES = names(REPLAY)
@@ -340,13 +346,17 @@ def transport_environment(publication: str = PROMPT) -> dict[str, str]:
 
 
 def prepare_middleware() -> None:
-    """Set the transport of this process, keep its discovery here; FileConflict if it cannot log.
+    """Set the transport of this process, keep its discovery here; FileConflict if that cannot be.
 
     The user may have chosen a range. ROS 2's own default is the subnet: everybody there could see
     the topics, call services, send goals and publish loads.
     """
     logs = os.environ.get('ROS_LOG_DIR') or f'{os.environ.get("ROS_HOME") or "~/.ros"}/log'
     check_writable(Path(logs).expanduser(), f'log folder {logs} (ROS_LOG_DIR)')
+    for name in PROFILE_VARIABLES:
+        if (file := os.environ.get(name)) and not Path(file).is_file():
+            raise FileConflict(f'{name} is {file!r}, and there is no such file: correct it, or '
+                               'unset it: nodes then take config/fastdds.xml')
     os.environ.update(transport_environment())
     if not any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
         os.environ[DISCOVERY_VARIABLES[0]] = 'LOCALHOST'

@@ -138,6 +138,18 @@ PROGRAMS = pytest.mark.parametrize('start', [
 
 
 @PROGRAMS
+def test_a_profile_of_the_middleware_that_is_not_there_is_refused(
+        start: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    """Nodes took the settings of Fast DDS, with which a replay lasted 80 s in place of 6."""
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(tmp_path / 'none.xml'))
+    monkeypatch.setattr(signal, 'signal', lambda *_: None)
+    assert start(tmp_path) == 2
+    assert f'FASTRTPS_DEFAULT_PROFILES_FILE is {str(tmp_path / "none.xml")!r}, and there is no ' \
+        'such file: correct it, or unset it' in capsys.readouterr().err
+
+
+@PROGRAMS
 def test_a_log_folder_that_cannot_be_written_is_refused_before_anything_is(
         start: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str]) -> None:
