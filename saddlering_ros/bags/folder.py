@@ -78,6 +78,8 @@ def open_directory(path: Path | str) -> BagDirectory:
             raise BagError(f'{path}: there is no such bag: check the path')
     except OSError as problem:
         raise BagError(f'{path}: cannot be read ({problem.strerror}): check the path') from problem
+    if path.name.endswith('.db3'):
+        raise _other_storage(path, 'sqlite3')
     if not (path.is_file() and path.name.endswith(SUFFIXES)):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
                        f'one of measured files by: saddlering import {path} --draft')
@@ -92,6 +94,11 @@ def open_directory(path: Path | str) -> BagDirectory:
         return BagDirectory(path, (path,))
     of_bag = _with_information(path, (path,), information)
     return of_bag if len(named) == 1 else replace(of_bag, start=None, message_count=None)
+
+
+def _other_storage(path: Path, storage: str) -> BagError:
+    return BagError(f'{path}: is recorded with storage {storage}: convert it with "ros2 bag '
+                    'convert" to storage mcap')
 
 
 @contextmanager
@@ -139,9 +146,7 @@ def _of_directory(path: Path) -> BagDirectory:
     information = parse_metadata(read_regular_text(described, BagError), str(described))
     storage = _word(information, 'storage_identifier') or 'mcap'
     if storage != 'mcap':
-        raise BagError(
-            f'{path}: is recorded with storage {storage}: convert it with "ros2 bag convert" to '
-            'storage mcap')
+        raise _other_storage(path, storage)
     files = tuple(dict.fromkeys(_locate(path, name) for name in _names(information)))
     of_bag = _with_information(path, files or tuple(files_there), information)
     # A player of rosbag2 leaves the plain file beside the compressed one.

@@ -254,6 +254,8 @@ def test_a_bag_in_another_storage(tmp_path, recording):
     (bag / 'metadata.yaml').write_text(
         text.replace('storage_identifier: mcap', 'storage_identifier: sqlite3'))
     assert 'ros2 bag convert' in refusal(bag)
+    (tmp_path / 'bag_0.db3').write_bytes(b'SQLite format 3')
+    assert 'is recorded with storage sqlite3' in refusal(tmp_path / 'bag_0.db3')
 
 
 PLACES = 25
