@@ -142,7 +142,8 @@ def parity_findings(rig: Rig, load: Floats, gaps: Floats) -> list[Finding]:
     slope, start = np.polyfit(force, parity, 1)
     moved = abs(float(slope)) * float(np.ptp(force))
     spread = float(np.std(parity - start - slope * force, ddof=2))
-    largest = float(np.ptp(means[:4], axis=1).max())
+    # Means over minutes of cycles hide most of the motion.
+    largest = float(np.ptp(np.percentile(increments, [1.0, 99.0], axis=1), axis=0).max())
     if moved < max(MAX_FOLLOWING * largest, PARITY_ERRORS * spread):
         noise = float(np.std(np.diff(increments[0] + increments[2]))) / math.sqrt(8.0 * count)
         return [] if spread < max(MAX_FOLLOWING * largest, PARITY_ERRORS * noise) else [Finding(

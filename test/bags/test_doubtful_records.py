@@ -301,13 +301,24 @@ def test_two_tests_in_one_folder_are_refused(tmp_path, recording):
         read_run(bag)
 
 
-def parity_of(share, noise=3e-7):
+def parity_of(share, noise=3e-7, load=None):
     """Gaps of a rigid ring with a share of probe 2 in the readings of probe 1."""
     random = np.random.default_rng(0)
-    motion = 100e-6 * (RAMP - RIG.preload) / RIG.full_scale_load
+    motion = 100e-6 * ((RAMP if load is None else load) - RIG.preload) / RIG.full_scale_load
     gaps = 1e-3 + np.outer([0.5, 1.0, -0.5, -1.0], motion)
     gaps[0] += share * motion
     return gaps + random.normal(0.0, noise, gaps.shape)
+
+
+def test_the_slow_noise_of_an_hour_of_cycles_is_no_drift_of_a_probe():
+    # Means over minutes hide the motion of the ring, and show the noise of slow times.
+    phase = np.linspace(0.0, 231.3, 48_000)
+    load = TONNE * (0.5 + 24.5 * np.abs(2.0 * (phase % 1.0) - 1.0))
+    gaps = parity_of(0.0, load=load)
+    gaps[0] += 150e-9 * np.sin(2.0 * np.pi * phase / 100.0)
+    assert parity_findings(RIG, load, gaps) == []
+    gaps[0] += 2e-6 * np.sin(2.0 * np.pi * phase / 100.0)
+    assert len(parity_findings(RIG, load, gaps)) == 1
 
 
 def test_cross_talk_of_two_percent_moves_the_parity_and_noise_does_not():
