@@ -146,7 +146,9 @@ def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diag
     remainder = tuple(
         replace(rest, size=rest.size * float(scale[system.channel_names.index(rest.channel), 0]))
         for rest in diagnosis.remainder)
-    return replace(diagnosis, warnings=warnings, runs=tuple(predictions), remainder=remainder)
+    missing = wording.SINGLE_RUN if len(diagnosis.fits.metric.problem.all_runs) == 1 else None
+    return replace(diagnosis, warnings=warnings, runs=tuple(predictions), remainder=remainder,
+                   next_test=diagnosis.next_test or missing)
 
 
 MIN_PRECISION = (10.0, 100.0)

@@ -65,6 +65,14 @@ def test_a_cause_that_is_real_and_leaves_something_visible_is_part_of_the_cause_
     assert 'explains only a part of the misfit' in found.summary()
 
 
+def test_a_record_of_one_run_states_what_is_missing() -> None:
+    def is_told(*held_out: Run) -> bool:
+        found = diagnose(MODEL, [record('a')], hold_out=held_out)
+        return 'next test: Record a second run under other inputs' in found.summary()
+    assert is_told()
+    assert not is_told(record('b', seed=2))
+
+
 def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
     other = record('b', size=0.0, gain=1.3, seed=2)  # as the base alone would have it
     found = diagnose(MODEL, [record('a')], hold_out=[other])

@@ -298,6 +298,8 @@ def remaining_words(explained: float) -> str:
 # Warnings: why causes have no name.
 
 ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
+SINGLE_RUN = ('Record a second run under other inputs: with one run nothing shows whether this '
+              'verdict predicts another one.')
 WORSE_RUN = 'in the fitted run {} the misfit is larger with {} than without'
 ODD_RUN = ('the runs fit together without {}: it alone shows a cause, as a test under other '
            'conditions can, or something was different in it, such as the zero of a sensor: '
