@@ -229,19 +229,20 @@ class WeightedObjective:
             on_work()
         return [np.concatenate(of_run) for of_run in zip(*parts, strict=True)]
 
-    def beside(self, draws: Sequence[Array], further: Array) -> 'WeightedObjective':
+    def beside(self, drawn: Sequence[Sequence[Array]], further: Array) -> 'WeightedObjective':
         """The same beside errors that all runs share, which are no parameters of the fit.
 
-        draws: changes (M, 3, N) of the increments of each run by M draws of such errors, of any
-        mean; further: whitened residuals (k, R) by one deviation of other ones.
+        drawn: of each kind of error the changes (M, 3, N) of the increments of each run by M
+        draws, of any mean; further: whitened residuals (k, R) by one deviation of other ones.
         """
-        count, means = len(draws[0]), [moved.mean(axis=0) for moved in draws]
-        about = self.whiten([moved - mean for moved, mean in zip(draws, means, strict=True)])
+        means = [[moved.mean(axis=0) for moved in kind] for kind in drawn]
+        about = [
+            self.whiten([moved - mean for moved, mean in zip(kind, of_kind, strict=True)])
+            / np.sqrt(len(kind[0]) - 1) for kind, of_kind in zip(drawn, means, strict=True)]
         return replace(
-            self, evaluations=0,
-            common=SharedErrors.of(np.vstack([further, about / np.sqrt(count - 1)]).T),
-            observations=[replace(one, displacement=one.displacement - mean)
-                          for one, mean in zip(self.observations, means, strict=True)])
+            self, evaluations=0, common=SharedErrors.of(np.vstack([further, *about]).T),
+            observations=[replace(one, displacement=one.displacement - sum(of_run))
+                          for one, *of_run in zip(self.observations, *means, strict=True)])
 
     def likely(self, contact: Array) -> Array:
         """Errors of `beside`, further ones first, that a law (6,) makes most likely."""

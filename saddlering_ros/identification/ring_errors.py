@@ -17,7 +17,14 @@ import math
 
 import numpy as np
 
-from saddlering_ros.effects import catalogue, EffectParameter, NO_EXTENSION, RingExtension
+from saddlering_ros.effects import (
+    catalogue,
+    EffectParameter,
+    NO_EXTENSION,
+    RingEffect,
+    RingExtension,
+    Variant,
+)
 from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, WAVES
 from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.estimation.process import Array
@@ -68,7 +75,7 @@ arm, an elevation or a bent load cell explain as much as waves, and bend K and n
 DRAWS = 128
 """Number of draws of errors. Their errors of deviations are 6 %."""
 
-DRAWN = (
+SMALL_ERRORS = (
     'axial_compliance', 'cylinder_friction', 'film_creep', 'probe_bracket', 'probe_drift',
     'probe_gain', 'probe_height', 'probe_nonlinearity', 'radial_compliance', 'radial_friction',
     'ring_ovalisation', 'settling', 'tilt_compliance', 'tilt_friction')
@@ -76,6 +83,9 @@ DRAWN = (
 
 SMALL = 0.1
 """Standard deviation of a small error, as a share of the typical size of its effect."""
+
+LINEARITY = 1e-3
+"""Standard deviation of the half waves of a probe's characteristic, as a share of its travel."""
 
 SEEN = 5.99
 """Twice the logarithm of the likelihood ratio from which waves count: 95 % quantile of chi square
@@ -164,32 +174,45 @@ def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors
     return RingErrors(rollers, known, waves, waves.sizes[:, None] * each, each[:0])
 
 
+@dataclass(frozen=True)
+class Beside:
+    """An objective beside errors of ring and rig.
+
+    steady: number of those of a given course, which come first; waves: that the residuals show.
+    """
+
+    objective: WeightedObjective
+    steady: int
+    waves: Waves
+
+    def largest(self, contact: Array) -> float:
+        """The largest error of a given course, in usual ones, that a law (6,) makes likely."""
+        return float(np.abs(self.objective.likely(contact)[:self.steady]).max())
+
+
 def beside_errors(
     objective: WeightedObjective, space: SearchSpace, law: ContactParameters,
     usual: Sequence[SmallError], seed: int, on_work: OnWork,
-) -> tuple[WeightedObjective, Waves]:
-    """The objective beside errors of a ring and its rig, and the waves that its residuals show.
-
-    usual: errors of the rig that come first of those of the objective.
-    """
+) -> Beside:
+    """The objective beside errors of the ring, and `usual` and certified ones of its rig."""
     contact, rig = law.to_array(), objective.rig
-    stated = [error for source, error in certified_errors(rig).items() if source not in KNOWN]
+    steady = _steady_changes(objective, contact, usual, on_work)
+    stated = [with_error(rig, error) for source, error in certified_errors(rig).items()
+              if source not in KNOWN]
     further = np.vstack([
-        objective.whiten(objective.changes(
-            contact, [with_error(rig, error) for error in (*usual, *stated)], on_work)),
-        *_sound_errors(objective, contact)])
-    small = _changes(objective, contact, small_errors(rig, seed), on_work)
-    beside = objective.beside(small, further)
+        steady, *_sound_errors(objective, contact),
+        *([objective.whiten(objective.changes(contact, stated, on_work))] if stated else [])])
+    loops = _changes(objective, contact, loops_drawn(rig, seed), on_work)
+    beside = objective.beside([loops], further)
     here = stay_at(beside, space, law)
     waves = waves_of(
         unlike(here, beside.residuals(contact[None])[0]), further[:0],
         unlike(here, beside.whiten(_changes(objective, contact, EACH_WAVE, on_work))),
         degrees_of_freedom(beside, here))
     if not waves.rms:
-        return beside, waves
+        return Beside(beside, len(steady), waves)
     wavy = _changes(objective, contact, waves.drawn(seed), on_work)
-    both = [one + other for one, other in zip(small, wavy, strict=True)]
-    return objective.beside(both, further), waves
+    return Beside(objective.beside([loops, wavy], further), len(steady), waves)
 
 
 def errors_beside(
@@ -201,37 +224,60 @@ def errors_beside(
     stated = certified_errors(objective.rig)
     is_open = np.tile([source not in stated for source in KNOWN], 2)
 
-    def drawn(errors: Sequence[RingExtension]) -> Array:
-        moved = objective.whiten(_changes(objective, best.contact, errors, on_work))
+    def scatter(draws: Sequence[RingExtension]) -> Array:
+        moved = objective.whiten(_changes(objective, best.contact, draws, on_work))
         return np.asarray((moved - moved.mean(axis=0)) / math.sqrt(DRAWS - 1))
 
-    further = objective.whiten(objective.changes(
-        best.contact, [with_error(objective.rig, error) for error in usual], on_work))
+    steady = _steady_changes(objective, best.contact, usual, on_work)
     return RingErrors(
-        rollers, known, waves, drawn(waves.drawn(seed)) if waves.rms else further[:0],
-        np.vstack([known[is_open], further, drawn(small_errors(objective.rig, seed))]))
+        rollers, known, waves, scatter(waves.drawn(seed)) if waves.rms else steady[:0],
+        np.vstack([known[is_open], steady, scatter(loops_drawn(objective.rig, seed))]))
 
 
-def small_errors(rig: Rig, seed: int) -> list[RingExtension]:
-    """Draws of small errors of which no certificate states another size."""
-    random, stated = np.random.default_rng([seed, 1]), {
-        name for error in certified_errors(rig).values() for name in error}
-    chosen = [one for name, one in catalogue().items() if name in DRAWN and name not in stated]
-    draws = []
+def _steady_changes(
+    objective: WeightedObjective, contact: Array, errors: Sequence[SmallError], on_work: OnWork,
+) -> Array:
+    """Changes of the residuals by these errors, then by small ones of a given course."""
+    rig = objective.rig
+    machines = [with_error(rig, error) for error in errors]
+    machines += [(rig, one) for one in steady_errors(rig)]
+    return np.vstack([objective.whiten(objective.changes(contact, machines, on_work)),
+                      objective.whiten(probe_curves(objective, contact))])
+
+
+Small = tuple[RingEffect, Variant, tuple[EffectParameter, ...]]
+
+
+def _small_errors(rig: Rig) -> list[Small]:
+    """Small errors of which no certificate states another size."""
+    stated = {name for error in certified_errors(rig).values() for name in error}
+    return [(one, variant, one.parameters_of(variant, rig))
+            for name, one in catalogue().items() if name in SMALL_ERRORS and name not in stated
+            for variant in one.variants if not variant.frees]
+
+
+def steady_errors(rig: Rig) -> list[RingExtension]:
+    """One deviation of each small error of a given course."""
+    return [one.extend(NO_EXTENSION, {
+        **{item.name: SMALL * item.scale for item in items}, **variant.values})
+        for one, variant, items in _small_errors(rig) if all(item.amplitude for item in items)]
+
+
+def loops_drawn(rig: Rig, seed: int) -> list[RingExtension]:
+    """Draws of friction and creep, small errors whose course may be any usual one, too."""
+    random, draws = np.random.default_rng([seed, 1]), []
+    loops = [small for small in _small_errors(rig) if not all(item.amplitude for item in small[2])]
     for _ in range(DRAWS):
         extension = NO_EXTENSION
-        for one in chosen:
-            for variant in one.variants:
-                if not variant.frees:
-                    values = {item.name: _drawn(item, random)
-                              for item in one.parameters_of(variant, rig)}
-                    extension = one.extend(extension, {**values, **variant.values})
+        for one, variant, items in loops:
+            values = {item.name: _drawn(item, random) for item in items}
+            extension = one.extend(extension, {**values, **variant.values})
         draws.append(extension)
     return draws
 
 
 def _drawn(item: EffectParameter, random: np.random.Generator) -> float:
-    """Value of a small error, or of a parameter that shapes it and may be any usual one."""
+    """Value of a small error, or of a parameter of its course."""
     if item.amplitude:
         size = SMALL * item.scale * random.standard_normal()
         return abs(size) if item.one_sided else float(size)
@@ -267,6 +313,23 @@ def unlike(best: Refinement, errors: Array) -> Array:
 def degrees_of_freedom(objective: WeightedObjective, best: Refinement) -> int:
     """Those of the residuals of a fit."""
     return max(1, objective.size - best.point.size)
+
+
+def probe_curves(objective: WeightedObjective, contact: Array) -> list[Array]:
+    """Increments (M, 3, N) of each run by one deviation of the linearity of each probe."""
+    rig = objective.rig
+    probes = [displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0 * x))
+              for ((x, y, gamma),) in objective.increments(contact[None, :])]
+    travel = np.max([np.abs(moved).max(axis=1) for moved in probes], axis=0)[:, None]
+    effects = []
+    for moved in probes:
+        curves = [
+            np.where(np.arange(4)[:, None] == number - 1, LINEARITY * travel * np.sin(
+                waves * np.pi * moved / travel), 0.0)
+            for number in rig.probes.present for waves in (1, 2, 3)]
+        read = probes_to_displacement(rig.probes, np.swapaxes(curves, 0, 1)).channels[:3]
+        effects.append(np.swapaxes(read, 0, 1))
+    return effects
 
 
 def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:

@@ -141,7 +141,7 @@ def test_small_errors_of_the_rig_do_not_bend_the_law_beside_them():
 
 
 @pytest.mark.parametrize('cause', [
-    {'moment_arm': {'offset': 0.06}}, {'load_offset': {'offset': 1500.0}}])
+    {'moment_arm': {'offset': 0.1}}, {'load_offset': {'offset': 1500.0}}])
 def test_no_law_beside_errors_is_stated_where_they_do_not_explain_the_misfit(cause):
     found = identify(runs_with(cause), RIG, SHORT)
     assert found.waves.rms > 0.0
