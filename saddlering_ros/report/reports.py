@@ -16,7 +16,7 @@ from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.discrepancy import Estimate, wording
 from saddlering_ros.errors import ReportError
 from saddlering_ros.files import whole_file, write_csv
-from saddlering_ros.identification.uncertainty import reason_wide, UNDETERMINED
+from saddlering_ros.identification.uncertainty import MAX_SOUND, reason_wide, UNDETERMINED
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.charts import Chart, draw, Panel
@@ -95,7 +95,7 @@ def write_validation_report(
     tests = [(run, ROLES[shown.held_out]) for run, shown in zip(runs, curves, strict=True)]
     html.write_page(path, html.page(VALIDATION, [
         head(VALIDATION, rig, tests),
-        _banner(validation, curves),
+        _banner(validation, curves, identification),
         chapters.of_file(validation.parameters) if identification is None else
         chapters.identified(identification),
         html.section('Criteria', html.table(
@@ -129,21 +129,33 @@ def curves_of_validation(
         for result, run in zip(validation.runs, runs, strict=True)]
 
 
-def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
-    """Whether every channel is within its noise, and the one that is predicted worst."""
+def _banner(
+    validation: Validation, curves: Sequence[RunCurves], identification: Mapping[str, Any] | None,
+) -> str:
+    """Whether every channel is within its noise, and the one that is predicted worst.
+
+    A fit may leave what no sound ring does, although the errors of a sound ring move each channel
+    by more.
+    """
     cases = [(run, name, run.channels[name]) for run in validation.runs for name in MOTION]
     run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / (
         quantities.allowed_misfit(case[2].noise_floor, case[2].sound)))
     misfit, floor = channel.nrmse or 0.0, channel.noise_floor or 0.0
-    is_good = misfit <= quantities.allowed_misfit(floor, channel.sound)
+    within = misfit <= quantities.allowed_misfit(floor, channel.sound)
+    factor = 0.0 if identification is None else identification['sound_factor']
+    is_good = within and factor <= MAX_SOUND
     said = ('These parameters predict every channel of every run within its noise and the small '
-            'errors of a sound ring.' if is_good
-            else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
+            'errors of a sound ring.' if is_good else
+            f'The misfit is {factor:.2f} times what noise and small errors of a sound ring leave.'
+            if within else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
             f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
     shown = [one for one in curves if one.name == Path(run.name).name]
     return html.found(
         'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'), html.paragraph(
-            '' if is_good else 'saddlering diagnose on these bags looks for the missing cause.'),
+            '' if is_good else 'saddlering diagnose on these bags looks for the missing cause.'
+            if identification is None or identification['beside_errors'] is None else
+            'Usual small errors of ring and rig explain the misfit: see the parameters beside '
+            'them.'),
         chapters.proof_picture(shown[0], name) if shown else '')
 
 

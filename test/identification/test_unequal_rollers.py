@@ -16,8 +16,10 @@ from saddlering_ros.identification.result import identification_text, parameter_
 from saddlering_ros.identification.ring_errors import roller_effects, waves_of
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
 from saddlering_ros.identification.uncertainty import MAX_SOUND
+from saddlering_ros.identification.validation import validate
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.report.chapters import identified
+from saddlering_ros.report.reports import write_validation_report
 from saddlering_ros.rig import default_rig, Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
 
 SEED = 4
@@ -126,6 +128,19 @@ def test_text_json_and_report_state_the_law_beside_errors(wavy):
     assert in_json['K1']['interval'] == list(beside.intervals['K1'])
     assert document['parameters']['K1']['value'] == found.parameters.contact.K1
     assert 'Beside small errors of the ring' in identified(document)
+
+
+def test_a_page_does_not_call_sound_what_identify_does_not(tmp_path):
+    """Errors of a sound ring move each channel by more than a misfit that none explains."""
+    [static] = runs_with({'radial_friction': {'force': 400.0}})[:1]
+    found = identify([static], RIG, SHORT)
+    validation = validate([static], RIG, found.parameters)
+    page = tmp_path / 'page.html'
+    write_validation_report(page, validation, [static], RIG, found.to_json())
+    assert found.sound_factor > MAX_SOUND
+    said = page.read_text()
+    assert 'These parameters predict every channel' not in said
+    assert f'The misfit is {found.sound_factor:.2f} times what noise and small errors' in said
 
 
 def test_small_errors_of_the_rig_do_not_bend_the_law_beside_them():
