@@ -109,10 +109,13 @@ def diagnose_ring(
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
-    if (diagnosis.verdict == 'none' and not isinstance(alone, str)
-            and alone.sound_factor > MAX_SOUND):
+    factor = 0.0 if isinstance(alone, str) else alone.sound_factor
+    if factor > MAX_SOUND and diagnosis.verdict == 'unknown':
+        notes.append('identify on these bags states whether usual small errors of ring and rig '
+                     'explain the misfit together, and the contact law beside them')
+    if factor > MAX_SOUND and diagnosis.verdict == 'none':
         notes.append(
-            f'identify finds {alone.sound_factor:.2f} times the misfit of noise and small errors '
+            f'identify finds {factor:.2f} times the misfit of noise and small errors '
             'of a sound ring: smooth errors of the contact law, delays and noise of the load can '
             'explain this here, and so could a small cause')
     sentence = ' '.join(filter(None, (

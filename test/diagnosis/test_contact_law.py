@@ -41,6 +41,11 @@ def test_none_explains_a_factor_of_identify_that_is_more_than_a_sound_ring_leave
     assert found.verdict == 'none'
     (note,) = [one for one in found.notes if one.startswith('identify finds ')]
     assert note.startswith(f'identify finds {alone.sound_factor:.2f} times the misfit of noise')
+    monkeypatch.setattr('saddlering_ros.discrepancy.diagnose',
+                        lambda *_, **__: replace(found.diagnosis, verdict='unknown'))
+    doubted = ring_diagnosis.diagnose_ring([run], rig=RIG)
+    assert doubted.verdict == 'unknown'
+    assert any('whether usual small errors' in one for one in doubted.notes)
 
 
 def diagnosis(causes=(), std=0.001, more=(), place=0.5):
