@@ -221,7 +221,8 @@ class RingDisplacementNode(streaming_node.StreamingNode):
             return TaskStatus(OK, 'no difference between load and probes is seen')
         count = len({one.where for one in found})
         more = f'; {count - 1} more topics likewise' if count > 1 else ''
-        hint = ' (of a replay: start the nodes with use_sim_time:=true)' if of_machine else ''
+        hint = (' (if ros2 bag play sends them: start it with --clock, and the nodes with '
+                '-p use_sim_time:=true)') if of_machine else ''
         return TaskStatus(WARN, f'{found[0]}{more}{hint}')
 
     def _parity_status(self) -> TaskStatus:

@@ -348,8 +348,9 @@ ONE_CLOCK = 'no difference between load and probes is seen'
                  'more topics likewise'),
     (0.005, -0.2, '/rig/eddy_current_1: stamps are 200 ms younger'),
     (5.0, 5.0, '/rig/hydraulic_load: stamps are 5 s behind the clock of this machine: synchronise '
-               'the clocks (chrony, PTP), or stamp in UTC; 4 more topics likewise (of a replay: '
-               'start the nodes with use_sim_time:=true)'),
+               'the clocks (chrony, PTP), or stamp in UTC; 4 more topics likewise (if ros2 bag '
+               'play sends them: start it with --clock, and the nodes with -p '
+               'use_sim_time:=true)'),
     (-7200.0, 0.0, '/rig/hydraulic_load: stamps are 7.2e+03 s ahead of the clock of this machine'),
     (1e8, 0.2, '/rig/hydraulic_load: stamps are 1e+08 s behind')])
 @pytest.mark.parametrize('replayed', ['', 'by the suite', 'by another player'])
