@@ -241,12 +241,8 @@ def _noise_of_fast_values(
             f'noise: run {record.run} does not vary at all: give Noise.white(std) with the '
             'resolution of the instrument')
     constants = relaxation_grid(step, 0.5 * record.duration / max(waves, 1))
-    expected = np.zeros(spectrum.power.size)
-    if present is not None:
-        expected = _expected_power(present, spectrum.frequency, step)
-    parts = _likeliest(spectrum, constants, step, expected)
-    white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
-    return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
+    expected = 0.0 if present is None else _expected_power(present, spectrum.frequency, step)
+    return _with_degrees(_likeliest(spectrum, constants, step, expected), step, sizes)
 
 
 def longest_relaxation(duration: float) -> float:
@@ -259,26 +255,24 @@ def relaxation_of(record: ChannelRecord) -> ChannelNoise:
 
     The relaxation has the time constant of greatest likelihood, up to `longest_relaxation`.
     """
-    there = np.isfinite(record.values)
-    step, best, least = record.step, ChannelNoise(0.0, np.zeros(1), 0.0, 1, np.ones(1)), np.inf
+    there, step = np.isfinite(record.values), record.step
     spectrum = _spectrum_above(record.values - record.values[there].mean(), 0, MAX_BINS)
-    for constant in np.geomspace(
-            step, max(longest_relaxation(record.duration), step), RELAXATIONS_TRIED):
-        one = np.array([constant])
-        parts = _likeliest(spectrum, one, step, np.zeros(spectrum.power.size))
-        white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
-        noise = ChannelNoise(white, parts[1:], 0.0, 1, one)
+
+    def unlikelihood(noise: ChannelNoise) -> float:
         expected = _expected_power(noise, spectrum.frequency, step)
-        unlikely = float(spectrum.lines @ (np.log(expected) + spectrum.power / expected))
-        if unlikely < least:
-            best, least = noise, unlikely
+        return float(spectrum.lines @ (np.log(expected) + spectrum.power / expected))
+
+    constants = np.geomspace(
+        step, max(longest_relaxation(record.duration), step), RELAXATIONS_TRIED)
+    best = min((_likeliest(spectrum, constants[number:number + 1], step)
+                for number in range(RELAXATIONS_TRIED)), key=unlikelihood)
     return _with_degrees(best, step, [int(there.sum())])
 
 
 def _likeliest(
-    spectrum: '_Spectrum', constants: Array, step: float, expected: Array
-) -> Array:
-    """White density and variances (1 + T,) of greatest likelihood beside `expected` (F,)."""
+    spectrum: '_Spectrum', constants: Array, step: float, expected: Array | float = 0.0,
+) -> ChannelNoise:
+    """White noise and relaxations (T,) of greatest likelihood beside `expected` (F,)."""
     columns = _spectral_columns(spectrum.frequency, constants, step)
     unit = columns.mean(axis=0)
     columns = columns / unit
@@ -288,7 +282,9 @@ def _likeliest(
         total = columns @ weights + expected
         pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
         weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
-    return np.asarray(weights / unit)
+    parts = weights / unit
+    white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
+    return ChannelNoise(white, parts[1:], 0.0, 1, constants)
 
 
 class _Spectrum(NamedTuple):
