@@ -324,10 +324,8 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     for raw, guard in zip(topics, guards, strict=True):
         counts = guard.counters.refused
         if raw.topic != absent and counts:
-            words = ', '.join(
-                ': '.join(filter(None, (f'{number} {reason.replace("_", " ")}',
-                                        guard.limits.words(reason))))
-                for reason, number in counts.items())
+            words = ', '.join(f'{number} {reason.replace("_", " ")}{guard.limits.words(reason)}'
+                              for reason, number in counts.items())
             findings.append(Finding(
                 f'{sum(counts.values())} samples are refused, as live nodes refuse them '
                 f'({words}): validity marks what is interpolated across them, and identification '

@@ -60,11 +60,11 @@ class ReadingLimits:
     unit: str = ''
 
     def words(self, reason: str) -> str:
-        """The limit that a sample passed which a counter of the guard counts; '' for none."""
+        """': limit ..' that a sample passed which a counter of the guard counts; '' for none."""
         if reason == 'impossible':
-            return f'limits {quantity(self.low, self.unit)} and {quantity(self.high, self.unit)}'
+            return f': limits {quantity(self.low, self.unit)} and {quantity(self.high, self.unit)}'
         change = {'leaps_of_reading': self.noise, 'doubtful_load': self.step}.get(reason)
-        return '' if change is None else (f'limit {quantity(change, self.unit)} + '
+        return '' if change is None else (f': limit {quantity(change, self.unit)} + '
                                           f'{quantity(self.rate, self.unit)}/s')
 
 

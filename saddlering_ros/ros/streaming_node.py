@@ -188,10 +188,10 @@ class StreamingNode(LifecycleNode):
         """
         def places() -> dict[tuple[str, str], int]:
             found = {('malformed', flow.topic): flow.malformed for flow in self.inputs}
-            for flow, guard in zip(self.inputs, guards(), strict=False):
-                found |= {(name, ': '.join(filter(None, (flow.topic, guard.limits.words(name))))):
-                          count for name, count in vars(guard.counters).items()}
-            return found
+            return found | {
+                (name, flow.topic + guard.limits.words(name)): count
+                for flow, guard in zip(self.inputs, guards(), strict=False)
+                for name, count in vars(guard.counters).items()}
 
         return diagnostics.Events(
             lambda: {**counts(), 'malformed': sum(flow.malformed for flow in self.inputs)},
