@@ -126,8 +126,11 @@ def import_files(
                                  'gaps, or values of the split column, at different places')
         (number, label), _ = streams[0]
         metadata = _metadata(mapping, number, label, hashes, rig)
-        path = out if mapping.split is None else _path_below(
-            out, metadata.run, number, [run.path for run in runs])
+        path = out
+        if mapping.split is not None:  # by the name of the run or its number, once for each run
+            name = re.sub(r'[^\w.+-]+', '_', metadata.run).strip('._') or f'run_{number + 1}'
+            names = [name, *(f'{name}-{count}' for count in range(2, len(runs) + 2))]
+            path = next(out / one for one in names if out / one not in [run.path for run in runs])
         parts = [(feed, stream) for feed, (_, stream) in zip(feeds, streams, strict=True)]
         topics = {channel.topic.name: channel.topic.type for channel in mapping.channels}
         with BagWriter(path, topics, metadata.as_text(), overwrite=overwrite) as writer:
@@ -165,13 +168,6 @@ def _ranges(mapping: ImportMap, rig: Rig | None) -> dict[str, tuple[float, ...]]
                                      'stated: give range: [low, high] in metres, or --rig')
             ranges[channel.name] = rig.probes.min_range, rig.probes.max_range
     return ranges
-
-
-def _path_below(out: Path, run: str, number: int, taken: Sequence[Path]) -> Path:
-    """A path below `out` for the run of this name, or of this number, that no other run has."""
-    name = re.sub(r'[^\w.+-]+', '_', run).strip('._') or f'run_{number + 1}'
-    names = [name, *(f'{name}-{count}' for count in range(2, len(taken) + 2))]
-    return next(out / name for name in names if out / name not in taken)
 
 
 def _metadata(
