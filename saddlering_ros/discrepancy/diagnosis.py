@@ -16,20 +16,8 @@ from saddlering_ros.discrepancy.noise import (
     ONE_RELAXATION,
     wrong_level,
 )
+from saddlering_ros.discrepancy.problem import fits
 from saddlering_ros.discrepancy.problem import system as systems
-from saddlering_ros.discrepancy.problem.fits import (
-    around,
-    Candidate,
-    centred,
-    declared_start,
-    Fit,
-    fit_base,
-    GainMetric,
-    refit,
-    run_refits,
-    spread_starts,
-    tangent,
-)
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
@@ -157,14 +145,15 @@ poorest and the best parameter. A size was six standard deviations off at 3 and 
 sound simulator make one parameter poor: 10 and 40 000."""
 
 
-def _rough_answers(problem: Problem, fit: Fit) -> list[str]:
+def _rough_answers(problem: Problem, fit: fits.Fit) -> list[str]:
     """A sentence if rounding or a loose tolerance of the simulator shows in sensitivities.
 
     Third differences within the step of a parameter hold such errors and no curvature.
     """
-    thirds, steps = np.linspace(0.0, 1.0, 4)[1:], around(fit, problem.system.base_parameters)[1]
+    base = problem.system.base_parameters
+    thirds, steps = np.linspace(0.0, 1.0, 4)[1:], fits.around(fit, base)[1]
     answers = problem.predict([fit.point, *(
-        fit.candidate.point(problem.system.base_parameters, fit.theta_unit + part * move)
+        fit.candidate.point(base, fit.theta_unit + part * move)
         for move in np.diag(steps) for part in thirds)])
     start, (first, second, whole) = answers[:, :1], (answers[:, 1 + n::3] for n in range(3))
     errors, changes = (start - 3.0 * first + 3.0 * second - whole) / 10.0**0.5, whole - start
@@ -178,7 +167,7 @@ def _rough_answers(problem: Problem, fit: Fit) -> list[str]:
             and np.fmax.reduce(precision) < MIN_PRECISION[1]):
         return []
     return [wording.ROUGH.format(
-        fit.candidate.parameters(problem.system.base_parameters)[np.nanargmin(precision)].name,
+        fit.candidate.parameters(base)[np.nanargmin(precision)].name,
         compact(float(np.nanmin(precision)), 2))]
 
 
@@ -191,9 +180,9 @@ FACTOR_ROUNDS, FACTOR_UNIT = 3, 1e-3
 share of range."""
 
 
-def _other_units(problem: Problem, fit: Fit) -> list[str]:
+def _other_units(problem: Problem, fit: fits.Fit) -> list[str]:
     """A sentence for each channel whose readings have another unit, or that nothing moves."""
-    base, empty = problem.system.base_parameters, Candidate()
+    base, empty = problem.system.base_parameters, fits.Candidate()
 
     def in_channels(stacked: Array) -> list[Array]:
         """Stacked columns (n, B) or (n,) by channel, weighted by time, less a free constant."""
@@ -208,8 +197,8 @@ def _other_units(problem: Problem, fit: Fit) -> list[str]:
         if left @ left > (1.0 - 1.0 / MIN_FACTOR) ** 2 * (seen @ seen)]
     if not large:
         return []
-    points = [empty.point(base, one) for one in spread_starts(base, problem.settings.seed)]
-    points += [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
+    points = [empty.point(base, one) for one in fits.spread_starts(base, problem.settings.seed)]
+    points += [empty.plus(effect, 0).point(base, np.r_[fit.theta_unit, start])
                for effect in problem.system.effects for start in effect.first_guesses]
     answers = problem.predict(points)
     answers = answers[:, np.isfinite(answers).all(axis=0)]
@@ -221,14 +210,14 @@ def _other_units(problem: Problem, fit: Fit) -> list[str]:
         else:
             powers = np.maximum((seen**2).sum(axis=0), 1e-300)
             factors[number] = np.median(measured[number] @ seen / powers)
-    theta = declared_start(base)
+    theta = fits.declared_start(base)
     for _ in range(FACTOR_ROUNDS):
         if not (np.isfinite(factors).all() and factors.all()):
             return found
-        metric = GainMetric(problem.with_runs([
+        metric = fits.GainMetric(problem.with_runs([
             replace(run, channels=run.channels / factors[:, None]) for run in problem.runs]),
             FACTOR_UNIT)
-        [own] = run_refits(metric, [refit(metric, empty, theta)])
+        [own] = fits.run_refits(metric, [fits.refit(metric, empty, theta)])
         theta, simulated = own.theta_unit, in_channels(own.prediction)
         for number in large:
             power = max(float(simulated[number] @ simulated[number]), 1e-300)
@@ -404,7 +393,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     problem = problem_of(model, runs)
     system = problem.system
     assert isinstance(system, ModelSystem)
-    fit = fit_base(noise_metric(problem).with_offsets())
+    fit = fits.fit_base(noise_metric(problem).with_offsets())
     metric = noise_metric(problem, fit.prediction).with_offsets()
     # The fits before have compiled the simulator.
     each, beside = (
@@ -437,9 +426,9 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     return report
 
 
-def _base_lines(metric: Metric, fit: Fit) -> list[str]:
+def _base_lines(metric: Metric, fit: fits.Fit) -> list[str]:
     """Standard deviation of each base parameter by itself."""
-    white = centred(metric, fit, tangent(metric, fit).white)
+    white = fits.centred(metric, fit, fits.tangent(metric, fit).white)
     lines = []
     for number, parameter in enumerate(metric.problem.system.base_parameters):
         others = orthonormal(np.delete(white, number, axis=1))
@@ -458,11 +447,11 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
     return lines
 
 
-def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
+def _effect_lines(metric: Metric, fit: fits.Fit) -> list[str]:
     """Whether each effect shows beside the base parameters."""
     problem = metric.problem
     base = problem.system.base_parameters
-    white = tangent(metric, fit).white
+    white = fits.tangent(metric, fit).white
     directions, steps = orthonormal(white), np.linalg.pinv(white)
 
     def beside_base(changes: Array) -> Array:
@@ -471,7 +460,7 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
 
     lines = []
     for effect in problem.system.effects:
-        points = [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
+        points = [fit.candidate.plus(effect, 0).point(base, np.r_[fit.theta_unit, start])
                   for start in effect.first_guesses]
         change = metric.whiten(problem.predict(points) - fit.prediction[:, None])
         change = change[:, np.isfinite(change).all(axis=0)]
