@@ -13,17 +13,10 @@ from saddlering_ros.comparison import sessions
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES, TwoSessions
 from saddlering_ros.comparison.wear import figures_of_sessions, judged_wear, MakerFigures
-from saddlering_ros.diagnosis import next_test, rig_dimensions
+from saddlering_ros.diagnosis import next_test, rig_dimensions, ring_wording
 from saddlering_ros.diagnosis.raceways import with_raceways
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.ring_wording import (
-    elsewhere_words,
-    place_of,
-    title_of,
-    value_words,
-    wave_words,
-)
 from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
@@ -34,7 +27,7 @@ from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.methods import identify_plain
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
-from saddlering_ros.quantities import finite_json, lowered, told_once
+from saddlering_ros.quantities import finite_json, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
@@ -133,24 +126,19 @@ def name_of(effect_id: str) -> str:
     """The title of a cause, also of the one that only a comparison has."""
     if effect_id == CONTACT_CHANGE:
         return 'Change of a contact parameter'
-    return rig_dimensions.changed_title(effect_id) or title_of(effect_id)
-
-
-def lowered_names(group: str) -> str:
-    """The titles of 'first_id or second_id', in the form for the middle of a sentence."""
-    return ' or '.join(lowered(name_of(name)) for name in group.split(' or '))
+    return rig_dimensions.changed_title(effect_id) or ring_wording.title_of(effect_id)
 
 
 def change_words(cause: Cause) -> str:
     """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
     others = ' or '.join(effect for effect in cause.group if effect != cause.effect)
-    value = value_words(cause.effect, name, size.value, size.unit, size.std)
+    value = ring_wording.value_words(cause.effect, name, size.value, size.unit, size.std)
     sign = '+' * (size.value > 0.0 and not value.startswith('+'))
-    where = ' '.join(filter(None, (place_of(cause.entry()), name)))
+    where = ' '.join(filter(None, (ring_wording.place_of(cause.entry()), name)))
     words = (f'{cause.definition.title.lower()}, {where} by {sign}{value}'
-             f'{elsewhere_words(cause.entry())}')
-    return f'{words} (or {lowered_names(others)})' if others else words
+             f'{ring_wording.elsewhere_words(cause.entry())}')
+    return f'{words} (or {ring_wording.lowered_titles(others, name_of)})' if others else words
 
 
 @one_blas_thread()
@@ -193,8 +181,9 @@ def compare_records(
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
     if ring.raceways:
-        said.append(f'{wave_words(rms_of(ring.raceways))} are as far as the earlier session shows '
-                    'them: the contact law before is fitted with them, and has no interval')
+        said.append(f'{ring_wording.wave_words(rms_of(ring.raceways))} are as far as the earlier '
+                    'session shows them: the contact law before is fitted with them, and has no '
+                    'interval')
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig),
@@ -312,7 +301,8 @@ def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str], rig: Rig) -> str
         sentence = next_test.for_groups(groups, diagnosis.separations) or (
             diagnosis.causes[0].definition.settled_by)
         for name in named:
-            sentence = sentence.replace(lowered(title_of(name)), lowered(name_of(name)))
+            sentence = sentence.replace(ring_wording.lowered_titles(name),
+                                        ring_wording.lowered_titles(name, name_of))
     has_dimensions = any(map(rig_dimensions.changed_title, named))
     if diagnosis.verdict == 'named' and not has_dimensions:
         sentence = next_test.confirming(named[0], ())

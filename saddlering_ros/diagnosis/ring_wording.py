@@ -4,7 +4,7 @@ Terminal, report, live page and demo print from the document, and mypy checks th
 read. Sentences that serve a declared model too stand in discrepancy/verdict/wording.py.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 import math
 from typing import Any, cast, TypedDict
 
@@ -155,9 +155,9 @@ def title_of(effect_id: str) -> str:
     return effect.title if effect is not None else title_of_dimension(effect_id) or effect_id
 
 
-def lowered_titles(group: str) -> str:
+def lowered_titles(group: str, title: Callable[[str], str] = title_of) -> str:
     """The titles of 'first_id or second_id', in the form for the middle of a sentence."""
-    return ' or '.join(lowered(title_of(name)) for name in group.split(' or '))
+    return ' or '.join(lowered(title(name)) for name in group.split(' or '))
 
 
 def headline(document: VerdictDocument) -> str:

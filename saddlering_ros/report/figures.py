@@ -9,14 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.records import smooth_rate
-from saddlering_ros.diagnosis.ring_wording import (
-    bag_name,
-    base_words,
-    causes_of,
-    Shares,
-    VerdictDocument,
-)
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.memory_operators import direction_of
@@ -102,7 +96,7 @@ class RunCurves:
 
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
-    curves, base = [], base_words(verdict.raceways)
+    curves, base = [], ring_wording.base_words(verdict.raceways)
     for figures in verdict.runs:
         run, test_run = figures.record.run, figures.record.test_run
         spans = dict(zip(figures.channels, np.ptp(figures.measured, axis=1), strict=False))
@@ -312,13 +306,14 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
-def misfit(document: VerdictDocument) -> Chart:
+def misfit(document: ring_wording.VerdictDocument) -> Chart:
     """Misfit of a verdict's runs before and after, beside noise and a sound ring."""
-    base, is_extended = base_words(document.get('raceways', ())), bool(causes_of(document))
+    base = ring_wording.base_words(document.get('raceways', ()))
+    is_extended = bool(ring_wording.causes_of(document))
     height, heights, words, series = 0.0, [], [], []
     for run in document['runs']:
         for name in [name for name in MOTION if name in run['channels']]:
-            channel = cast(Shares, run['channels'][name])
+            channel = cast(ring_wording.Shares, run['channels'][name])
             before, after, floor, sound = (
                 100.0 * max(channel.get(key) or 0.0, 1e-6)
                 for key in ('nrmse_before', 'nrmse_after', 'noise_floor', 'sound'))
@@ -332,8 +327,8 @@ def misfit(document: VerdictDocument) -> Chart:
                 series.append(markers([float(np.hypot(floor, sound))], [height], '|', '#7b8794',
                                       'noise and sound ring', size=12.0))
             heights.append(height)
-            words.append(f'{bag_name(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
-                         f'   {SYMBOLS[name]}')
+            role = ' (held out)' if run.get('held_out') else ''
+            words.append(f'{ring_wording.bag_name(run["bag"])}{role}   {SYMBOLS[name]}')
             height += 1.0
         height += 0.6
     panel = Panel(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros import quantities
-from saddlering_ros.comparison.change import Change, change_words, lowered_names, name_of
+from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
 from saddlering_ros.diagnosis.ring_wording import bag_name, lowered_titles, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
@@ -314,7 +315,8 @@ def change_text(change: Change) -> str:
     lines = [verdict_line(change.verdict), change.headline, *(
         f'  p {probability(cause.p_value)}: {change_words(cause)}'
         for cause in change.diagnosis.causes)]
-    lines += wording.certainty_lines(wording.certainty_document(change.diagnosis), lowered_names)
+    lines += wording.certainty_lines(wording.certainty_document(change.diagnosis),
+                                     partial(lowered_titles, title=name_of))
     lines += ['contact law, before, after and change:']
     lines += [f'  {name}: {", ".join(contact_words(name, numbers))}'
               for name, numbers in change.contact.items()]
@@ -413,7 +415,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
         html.verdict(
             change.verdict, change.headline,
             html.paragraph(f'Next test: {change.next_test}' if change.next_test else '', 'next')),
-        certainty(change.to_json(), lowered_names),
+        certainty(change.to_json(), partial(lowered_titles, title=name_of)),
         html.section('Change of the later runs', html.picture(
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '
