@@ -21,7 +21,6 @@ from saddlering_ros.api.results import (
     ValidationResult,
 )
 from saddlering_ros.bags.samples import displacement_columns, write_samples
-from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.identification import methods, validation
@@ -150,8 +149,8 @@ def compare(
     given = inputs.inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                              on_progress=on_progress, is_cancelled=is_cancelled,
                              names=('before', 'after'))
-    refuse_repeats(runs_of([*given.bags, *given.held_out]))
-    earlier, later = inputs.for_fits(given.bags, given.held_out)
+    both, _ = inputs.for_fits([*given.bags, *given.held_out])
+    earlier, later = both[:len(given.bags)], both[len(given.bags):]
     others = [inputs.for_fits(inputs.inputs_of(
         bags, rig=given.rig, trust_rig=trust_rig, on_progress=on_progress,
         is_cancelled=is_cancelled, names=('between', '')).bags)[0] for bags in between]
