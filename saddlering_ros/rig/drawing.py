@@ -188,11 +188,8 @@ _HEAD = """\
 
 def entry_values(rig: Rig) -> dict[str, Any]:
     """The value of every entry, as a rig file states it."""
-    values = {}
-    for name, _ in ENTRIES:
-        values[name] = attrgetter('.'.join(place_of(name)))(rig)
-    values['probes.polarity'] = [int(sign) for sign in rig.probes.polarity]
-    return values
+    values = {name: attrgetter('.'.join(place_of(name)))(rig) for name, _ in ENTRIES}
+    return values | {'probes.polarity': [int(sign) for sign in rig.probes.polarity]}
 
 
 def dotted(rig: Rig, values: Mapping[str, Any]) -> dict[str, Any]:
