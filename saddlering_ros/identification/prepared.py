@@ -111,11 +111,11 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         rounding = probes_to_displacement(rig.probes, errors).channels[:CHANNEL_COUNT]
     branch = None
     if levels is None:
-        is_read = bool(np.mean(np.isfinite(displacement[0])) >= MIN_SHARE_READ)
+        is_read = bool(np.mean(good) >= MIN_SHARE_READ)
         rests = rest.quiet_stretches(stretches) or [(measured.zero.start, measured.zero.end)]
     else:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
-        seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
+        seen = [bool(np.mean(good[a:b]) > 0.5) for a, b in rests]
         rests = [span for span, enough in zip(rests, seen, strict=True) if enough]
         branch, is_read = levels.branch[seen].astype(np.float64), len(rests) >= MIN_READINGS
     if not is_read:

@@ -362,6 +362,18 @@ def test_what_a_probe_at_the_end_of_its_span_reads_is_left_out(four_runs):
     assert found.reduced_chi_square == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.parametrize('probe', range(4))
+def test_a_plateau_that_a_probe_has_no_readings_of_is_left_out(four_runs, probe):
+    """Without one of the axial probes the objective was not a number, and the run was refused."""
+    run, gaps = four_runs[0], four_runs[0].gaps.copy()
+    missing = (run.time > 0.4 * run.time[-1]) & (run.time < 0.4 * run.time[-1] + 8.0)
+    gaps[probe, missing] = np.nan
+    found = identify([replace(run, gaps=gaps), four_runs[1]], RIG,
+                     IdentificationSettings(swarm=SHORT_SWARM))
+    off = found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()
+    assert np.all(np.abs(off / np.sqrt(np.diag(found.covariance))) < 4.0)
+
+
 @pytest.mark.parametrize('number', [0, 1])
 def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number):
     run, rig = clipped(four_runs[number], 1.0005e-3)
