@@ -164,9 +164,9 @@ def beside_errors_words(waves: float) -> str:
     which = 'Usual small errors of friction, creep, structure, load and probes explain the misfit'
     beside = (f', beside raceways that wave by {quantity(waves, "m", digits=2)} (rms)'
               if waves else '')
-    return (f'{which}{beside}. With the parameters above a ring without errors comes nearest to '
-            'the measurement. The parameters beside the errors are the contact law of the '
-            'rollers. Their intervals allow for such errors.')
+    return (f'{which}{beside}. These parameters beside the errors are the contact law of the '
+            'rollers, and their intervals allow for such errors. With the first parameters a ring '
+            'without errors comes nearest to the measurement.')
 
 
 def _lines_beside_errors(law: FittedLaw | None) -> Iterator[str]:

@@ -128,6 +128,8 @@ def test_text_json_and_report_state_the_law_beside_errors(wavy):
     assert in_json['K1']['interval'] == list(beside.intervals['K1'])
     assert document['parameters']['K1']['value'] == found.parameters.contact.K1
     assert 'Beside small errors of the ring' in identified(document)
+    for said in identification_text(found), identified(document):
+        assert 'parameters above' not in said  # two sets of parameters are above
 
 
 def test_a_page_does_not_call_sound_what_identify_does_not(tmp_path):
