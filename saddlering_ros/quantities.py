@@ -3,6 +3,7 @@
 Console, report, live page and messages print their numbers with these functions.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 import math
 from typing import Any
@@ -223,6 +224,15 @@ def first_of(reasons: Sequence[str], separator: str = '; ') -> str:
     reasons = list(dict.fromkeys(reasons))
     more = len(reasons) - MAX_REASONS
     return separator.join(reasons[:MAX_REASONS]) + (f'{separator}and {more} more' * (more > 0))
+
+
+def own_names(names: Iterable[str]) -> list[str]:
+    """The names in their order; the second of one name becomes 'static_50 (2)', and so on."""
+    count, own = Counter[str](), []
+    for name in names:
+        count[name] += 1
+        own.append(name if count[name] == 1 else f'{name} ({count[name]})')
+    return own
 
 
 def told_once(notes: Iterable[tuple[str, str]]) -> list[str]:

@@ -4,7 +4,6 @@ A session is the tests of one ring on one rig within a short time. The store kee
 a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides the grouping.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import csv
@@ -22,6 +21,7 @@ from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.errors import BagError, plain_number
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.plain_yaml import read_regular_text
+from saddlering_ros.quantities import own_names
 from saddlering_ros.record.record import METADATA_RECORD
 
 FIT, HOLD_OUT, SKIP = 'fit', 'hold_out', 'skip'
@@ -219,13 +219,9 @@ def group_sessions(
             else:
                 parts.append([bag])
             last = now
-    sessions, count = [], Counter[str]()
-    for session in (_session(tests, hold_out) for tests in parts):
-        count[session.name] += 1
-        number = count[session.name]
-        name = session.name if number == 1 else f'{session.name} ({number})'
-        sessions.append(replace(session, name=name))
-    return sessions
+    sessions = [_session(tests, hold_out) for tests in parts]
+    return [replace(session, name=name) for session, name in zip(
+        sessions, own_names(session.name for session in sessions), strict=True)]
 
 
 def _session(bags: list[FoundBag], hold_out: float | None) -> Session:

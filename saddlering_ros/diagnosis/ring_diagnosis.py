@@ -23,7 +23,7 @@ from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import lowered, told_once
+from saddlering_ros.quantities import lowered, own_names, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
@@ -50,9 +50,10 @@ def diagnose_ring(
                              f'of full scale (highest {rig.force_words(top)}): add a run with '
                              f"more load, or correct the rig file's full_scale_load"
                              f'{units_in_words(runs[0].notes)}')
-    records = _with_own_names([
-        *(build_record(rig, run, held_out=False) for run in runs),
-        *(build_record(rig, run, held_out=True) for run in hold_out)])
+    records = [*(build_record(rig, run, held_out=False) for run in runs),
+               *(build_record(rig, run, held_out=True) for run in hold_out)]
+    records = [replace(record, run=replace(record.run, name=name)) for record, name in zip(
+        records, own_names(record.run.name for record in records), strict=True)]
     fitted = [record.run for record in records if not record.run.held_out]
     watch = Watch('diagnose', on_progress, is_cancelled)
     watch.progress('contact parameters', 0.0)
@@ -154,18 +155,6 @@ def _beside_waves(
             for cause in beside.causes[:1]]
     return doubted, [*best, *explained_by_waves(
         wavy, [record.run for record in records], law, even.fits.before.point.base)]
-
-
-def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
-    """The records, of which the second of one name becomes 'static_50 (2)', and so on."""
-    seen: dict[str, int] = {}
-    named = []
-    for record in records:
-        name = record.run.name
-        count = seen[name] = seen.get(name, 0) + 1
-        named.append(record if count == 1 else replace(
-            record, run=replace(record.run, name=f'{name} ({count})')))
-    return named
 
 
 def _notes(
