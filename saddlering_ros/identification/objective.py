@@ -222,12 +222,15 @@ class WeightedObjective:
     def changes(
         self, contact: Array, machines: Sequence[Machine], on_work: OnWork = idle) -> list[Array]:
         """Changes (M, 3, N) of the increments of each run on each of M machines."""
-        parts = []
-        for first in range(0, len(machines), AT_ONCE):
-            parts.append([changes_on(self.rig, contact, one, machines[first:first + AT_ONCE])
-                          for one in self.observations])
-            on_work()
-        return [np.concatenate(of_run) for of_run in zip(*parts, strict=True)]
+        changed = []
+        for one in self.observations:
+            parts = []
+            for first in range(0, len(machines), AT_ONCE):
+                parts.append(
+                    changes_on(self.rig, contact, one, machines[first:first + AT_ONCE]))
+                on_work()
+            changed.append(np.concatenate(parts))
+        return changed
 
     def beside(self, drawn: Sequence[Sequence[Array]], further: Array) -> 'WeightedObjective':
         """The same beside errors that all runs share, which are no parameters of the fit.
