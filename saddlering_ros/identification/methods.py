@@ -253,9 +253,12 @@ def identify(
     except Cancelled:
         return replace(found, cancelled=True, status='cancelled: the law without errors of the '
                        'ring is complete, that beside errors is not')
-    named = [] if beside is None else [
-        name for name, is_determined in beside.determined.items() if is_determined]
-    words = [f'{", ".join(named)} are determined beside errors of the ring'] if named else []
+    if beside is None:
+        words = ['no law within the bounds explains the misfit beside usual small errors of '
+                 'ring and rig']
+    else:
+        named = [name for name, is_determined in beside.determined.items() if is_determined]
+        words = [f'{", ".join(named)} are determined beside errors of the ring'] if named else []
     return replace(
         found, beside_errors=beside, status='; '.join([found.status, *words]),
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started)
@@ -406,7 +409,7 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
     for number in range(PASSES):
         contact = law.to_array()
         watch = partial(search.watch, 'beside errors', SearchStep(
-            number, PASSES, reached, tuple(contact.tolist()), 0.0))
+            number, PASSES + 1, reached, tuple(contact.tolist()), 0.0))
         alone = WeightedObjective(search.rig, search.observations(law), search.settings.channels
                                   ).with_settled_plateaus(contact)
         beside = beside_errors(alone, space, law, usual, seed + number, watch)
@@ -416,12 +419,13 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
         search.evaluations += objective.evaluations
         if reached > MUCH_LEFT * degrees_of_freedom(objective, best):
             return None
-    watch = partial(search.watch, 'beside errors', best.as_step(PASSES))
+    watch = partial(search.watch, 'beside errors', SearchStep(
+        PASSES, PASSES + 1, reached, tuple(best.contact.tolist()), 0.0))
     trust = assess(
         objective, space, best,
         errors_beside(objective, best, beside.waves, usual, seed + PASSES, watch),
         search.bounds, MISFIT_ADVICE['default'])
-    is_explained = (trust.reduced_chi_square <= MAX_SOUND**2
+    is_explained = (trust.reduced_chi_square <= MAX_SOUND**2 and not best.at_bound.any()
                     and beside.largest(best.contact) <= USUAL)
     return FittedLaw(**vars(trust), contact=law, at_bound=_at_bound(space, best)) if (
         is_explained) else None

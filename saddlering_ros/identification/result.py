@@ -29,6 +29,11 @@ class FittedLaw(uncertainty.Uncertainty):
     at_bound: dict[str, bool]
 
     @property
+    def noise_factor(self) -> float:
+        """Rms misfit over the noise; 1 if a law of this form explains the runs."""
+        return math.sqrt(self.reduced_chi_square)
+
+    @property
     def entries(self) -> dict[str, dict[str, Any]]:
         """The parameters as in the JSON, by name."""
         return {name: {
@@ -69,11 +74,6 @@ class Identification(FittedLaw):
         """The law with its source, as in a parameter file."""
         return ParameterSet(self.contact, source=self.source)
 
-    @property
-    def noise_factor(self) -> float:
-        """Rms misfit over the noise; 1 if a law of this form explains the runs."""
-        return math.sqrt(self.reduced_chi_square)
-
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
         document: dict[str, Any] = finite_json({
@@ -94,7 +94,8 @@ class Identification(FittedLaw):
             'budget': self.budget,
             'raceway_waves': self.waves.rms,
             'beside_errors': None if (beside := self.beside_errors) is None else {
-                'raceway_waves': beside.waves.rms, 'parameters': beside.entries,
+                'noise_factor': beside.noise_factor, 'raceway_waves': beside.waves.rms,
+                'parameters': beside.entries,
                 'covariance': beside.covariance.tolist()},
             'joint': self.joint,
             'notes': list(self.notes),
@@ -159,21 +160,26 @@ def identification_text(identification: Identification) -> str:
     return '\n'.join(lines)
 
 
-def beside_errors_words(waves: float) -> str:
-    """What the contact law beside errors of a ring is; waves: rms [m] of its raceways, or 0."""
-    which = 'Usual small errors of friction, creep, structure, load and probes explain the misfit'
-    beside = (f', beside raceways that wave by {quantity(waves, "m", digits=2)} (rms)'
+def beside_errors_words(noise_factor: float, waves: float) -> str:
+    """What a contact law beside errors of a ring is.
+
+    noise_factor: rms misfit beside them, in noise; waves: rms [m] of the raceways, or 0.
+    """
+    beside = (f', beside raceways that wave by {quantity(waves, "m", digits=2)} (rms),'
               if waves else '')
-    return (f'{which}{beside}. These parameters beside the errors are the contact law of the '
-            'rollers, and their intervals allow for such errors. With the first parameters a ring '
-            'without errors comes nearest to the measurement.')
+    return (f'Usual small errors of friction, creep, structure, load and probes{beside} can '
+            f'explain the misfit: {noise_factor:.2f} times the noise is left. These parameters '
+            'beside the errors are the contact law of the rollers, and their intervals allow for '
+            'such errors. A larger gain of the load or of all probes, or a wrong span, bends them '
+            'without a misfit. With the first parameters a ring without errors comes nearest to '
+            'the measurement.')
 
 
 def _lines_beside_errors(law: FittedLaw | None) -> Iterator[str]:
     if law is not None:
         yield '[[Parameters beside small errors of the ring]]'
         yield from (f'    {parameter_words(name, entry)}' for name, entry in law.entries.items())
-        yield f'    {beside_errors_words(law.waves.rms)}'
+        yield f'    {beside_errors_words(law.noise_factor, law.waves.rms)}'
 
 
 def _stiffness_lines(identification: Identification) -> Iterator[str]:

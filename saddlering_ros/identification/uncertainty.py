@@ -40,7 +40,8 @@ def usual_errors(rig: Rig) -> list[SmallError]:
     """One deviation of each small error of a rig of which no certificate states another one."""
     errors: list[SmallError] = [
         *IMPERFECTIONS.values(), {'moment_arm': {'offset': MOMENT_ARM}},
-        {'load_offset': {'offset': LOAD_OFFSET * rig.full_scale_load}}]
+        {'load_offset': {'offset': LOAD_OFFSET * rig.full_scale_load}},
+        *({'probe_lag': {'probe': float(probe), 'time': DELAY}} for probe in rig.probes.present)]
     stated = {name for error in certified_errors(rig).values() for name in error}
     return [error for error in errors if not stated & error.keys()]
 

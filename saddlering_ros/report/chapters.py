@@ -356,7 +356,8 @@ def identified(document: Mapping[str, Any], words: str = '') -> str:
                        f'{document["status"]}.'),
         html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
         html.table(HEAD, _of_parameters(beside['parameters']), 'Beside small errors of the ring')
-        + html.paragraph(beside_errors_words(beside['raceway_waves'])) if beside else '',
+        + html.paragraph(beside_errors_words(
+            beside['noise_factor'], beside['raceway_waves'])) if beside else '',
         html.picture(figures.joint_regions(document), 'joint_regions',
                      'K and n of a row, with noise and unequal rollers. A parameter without an '
                      'interval is not determined.')

@@ -126,6 +126,7 @@ def test_text_json_and_report_state_the_law_beside_errors(wavy):
     assert f'    {shown}' in identification_text(found).splitlines()
     in_json = document['beside_errors']['parameters']
     assert in_json['K1']['interval'] == list(beside.intervals['K1'])
+    assert document['beside_errors']['noise_factor'] == beside.noise_factor < MAX_SOUND
     assert document['parameters']['K1']['value'] == found.parameters.contact.K1
     assert 'Beside small errors of the ring' in identified(document)
     for said in identification_text(found), identified(document):
@@ -162,6 +163,15 @@ def test_small_errors_of_the_rig_do_not_bend_the_law_beside_them():
 def test_no_law_beside_errors_is_stated_where_they_do_not_explain_the_misfit(cause):
     found = identify(runs_with(cause), RIG, SHORT)
     assert found.waves.rms > 0.0
+    assert found.beside_errors is None
+    assert 'no law within the bounds explains the misfit' in found.status
+
+
+def test_no_law_beside_errors_is_stated_with_a_parameter_at_its_bound():
+    """K1 and K2 of a rig whose D2 lay beyond its bound were six stated deviations off."""
+    settings = replace(SHORT, bounds={'D2': (1e5, 2e6)})  # below the true one
+    found = identify(runs_with({'cylinder_friction': {'force': 400.0}}), RIG, settings)
+    assert found.at_bound['D2']
     assert found.beside_errors is None
 
 
