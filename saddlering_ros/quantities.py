@@ -22,6 +22,9 @@ MIN_SHARE = 1e-5
 MAX_LOG = 600.0
 """Largest logarithm of an evidence that is counted: e^709 is the largest number."""
 
+LONG_TIMES = ((172800.0, 86400.0, 'd'), (7200.0, 3600.0, 'h'), (1000.0, 60.0, 'min'))
+"""Times [s] from which one is printed in another unit, that unit in seconds, and its sign."""
+
 
 def quantity(
     value: float | None, unit: str = '', std: float | None = None, digits: int = 3,
@@ -33,6 +36,8 @@ def quantity(
     factor, shown = 1.0, '' if unit in PLAIN else unit
     if unit == 'rad' and abs(value) >= math.radians(0.1):
         factor, shown = math.radians(1.0), '°'
+    elif unit == 's' and size >= LONG_TIMES[-1][0]:
+        _, factor, shown = next(one for one in LONG_TIMES if size >= one[0])
     elif unit in PREFIXED and size > 0.0:
         factor, prefix = next((pair for pair in PREFIXES if size >= pair[0] * (1.0 - 1e-12)),
                               PREFIXES[-1])

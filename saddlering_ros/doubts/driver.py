@@ -90,9 +90,9 @@ def skew_findings(delays: Mapping[str, float]) -> list[Finding]:
 
 def machine_findings(delays: Mapping[str, float]) -> list[Finding]:
     """A fault for each topic stamped by another clock than this machine's; delays [s] by topic."""
-    return [Finding(f'stamps are {abs(delay):.3g} s {"behind" if delay > 0.0 else "ahead of"} the '
-                    'clock of this machine: synchronise the clocks (chrony, PTP), or stamp in UTC',
-                    name, FAULT)
+    return [Finding(f'stamps are {quantity(abs(delay), "s")} '
+                    f'{"behind" if delay > 0.0 else "ahead of"} the clock of this machine: '
+                    'synchronise the clocks (chrony, PTP), or stamp in UTC', name, FAULT)
             for name, delay in delays.items() if abs(delay) > CLOCK_LIMIT]
 
 

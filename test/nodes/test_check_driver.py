@@ -71,7 +71,7 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
      'stamps go back'),
     (FIRST_PROBE, without(500, 600), '1 gaps in the stamps, longest 0.202 s'),
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals + 90 * 10**9),
-     'stamps are 90 s behind the clock'),
+     'stamps are 90.0 s behind the clock'),
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals[0] + 2 * (
         one.arrivals - one.arrivals[0])), 'the stamps are not times'),
     (FIRST_PROBE, lambda one: replace(one, stamps=one.stamps - 50_000_000), '50 ms older'),

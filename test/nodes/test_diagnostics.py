@@ -347,12 +347,12 @@ ONE_CLOCK = 'no difference between load and probes is seen'
                  'with them: use one clock for both, and stamp with the time of measurement; 3 '
                  'more topics likewise'),
     (0.005, -0.2, '/rig/eddy_current_1: stamps are 200 ms younger'),
-    (5.0, 5.0, '/rig/hydraulic_load: stamps are 5 s behind the clock of this machine: synchronise '
-               'the clocks (chrony, PTP), or stamp in UTC; 4 more topics likewise (if ros2 bag '
-               'play sends them: start it with --clock, and the nodes with -p '
+    (5.0, 5.0, '/rig/hydraulic_load: stamps are 5.00 s behind the clock of this machine: '
+               'synchronise the clocks (chrony, PTP), or stamp in UTC; 4 more topics likewise '
+               '(if ros2 bag play sends them: start it with --clock, and the nodes with -p '
                'use_sim_time:=true)'),
-    (-7200.0, 0.0, '/rig/hydraulic_load: stamps are 7.2e+03 s ahead of the clock of this machine'),
-    (1e8, 0.2, '/rig/hydraulic_load: stamps are 1e+08 s behind')])
+    (-7200.0, 0.0, '/rig/hydraulic_load: stamps are 2.00 h ahead of the clock of this machine'),
+    (1e8, 0.2, '/rig/hydraulic_load: stamps are 1157 d behind')])
 @pytest.mark.parametrize('replayed', ['', 'by the suite', 'by another player'])
 def test_a_clock_of_the_probes_apart_from_that_of_the_load_is_told(
         behind: float, apart: float, words: str, replayed: str, monkeypatch: pytest.MonkeyPatch,
