@@ -73,6 +73,7 @@ BEFORE = 1.0
 
 def changes_on(
     rig: Rig, contact: Array, observation: Observation, machines: Sequence[Machine],
+    on_work: OnWork = idle,
 ) -> Array:
     """Changes (M, 3, N) [m, m, rad] of the increments of a run on each of M machines.
 
@@ -89,8 +90,16 @@ def changes_on(
         seen = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
         return _means(observation, seen.channels[:3])
 
-    usual, *changed = in_parallel(seen_on, [(rig, NO_EXTENSION), *machines])
+    usual, changed = seen_on((rig, NO_EXTENSION)), []
+    for first in range(0, len(machines), AT_ONCE):
+        changed += in_parallel(seen_on, machines[first:first + AT_ONCE])
+        on_work()
     return np.stack(changed) - usual
+
+
+def scattered(white: Array) -> Array:
+    """Changes (M, R) of residuals with the covariance of M draws of them (M, R)."""
+    return np.asarray((white - white.mean(axis=0)) / np.sqrt(len(white) - 1))
 
 
 Followed = tuple[Array, Callable[[], Array]]
@@ -222,15 +231,8 @@ class WeightedObjective:
     def changes(
         self, contact: Array, machines: Sequence[Machine], on_work: OnWork = idle) -> list[Array]:
         """Changes (M, 3, N) of the increments of each run on each of M machines."""
-        changed = []
-        for one in self.observations:
-            parts = []
-            for first in range(0, len(machines), AT_ONCE):
-                parts.append(
-                    changes_on(self.rig, contact, one, machines[first:first + AT_ONCE]))
-                on_work()
-            changed.append(np.concatenate(parts))
-        return changed
+        return [changes_on(self.rig, contact, one, machines, on_work)
+                for one in self.observations]
 
     def beside(self, drawn: Sequence[Sequence[Array]], further: Array) -> 'WeightedObjective':
         """The same beside errors that all runs share, which are no parameters of the fit.
@@ -239,9 +241,7 @@ class WeightedObjective:
         draws, of any mean; further: whitened residuals (k, R) by one deviation of other ones.
         """
         means = [[moved.mean(axis=0) for moved in kind] for kind in drawn]
-        about = [
-            self.whiten([moved - mean for moved, mean in zip(kind, of_kind, strict=True)])
-            / np.sqrt(len(kind[0]) - 1) for kind, of_kind in zip(drawn, means, strict=True)]
+        about = [scattered(self.whiten(kind)) for kind in drawn]
         return replace(
             self, evaluations=0, common=SharedErrors.of(np.vstack([further, *about]).T),
             observations=[replace(one, displacement=one.displacement - sum(of_run))

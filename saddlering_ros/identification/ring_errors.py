@@ -34,6 +34,7 @@ from saddlering_ros.identification.objective import (
     OnWork,
     predict,
     Refinement,
+    scattered,
     stay_at,
     WeightedObjective,
 )
@@ -70,7 +71,6 @@ EXPLAINED = 0.5
 """Share of the power of the misfit beyond noise from which waves count. Waves of 1 to 6 um rms
 explain 0.71 to 1.0 of it, friction up to 0.65, many small errors together up to 0.48. A moment
 arm, an elevation or a bent load cell explain as much as waves, and bend K and n as they do."""
-
 
 DRAWS = 128
 """Number of draws of errors. Their errors of deviations are 6 %."""
@@ -225,8 +225,7 @@ def errors_beside(
     is_open = np.tile([source not in stated for source in KNOWN], 2)
 
     def scatter(draws: Sequence[RingExtension]) -> Array:
-        moved = objective.whiten(_changes(objective, best.contact, draws, on_work))
-        return np.asarray((moved - moved.mean(axis=0)) / math.sqrt(DRAWS - 1))
+        return scattered(objective.whiten(_changes(objective, best.contact, draws, on_work)))
 
     steady = _steady_changes(objective, best.contact, usual, on_work)
     return RingErrors(
@@ -321,15 +320,15 @@ def probe_curves(objective: WeightedObjective, contact: Array) -> list[Array]:
     probes = [displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0 * x))
               for ((x, y, gamma),) in objective.increments(contact[None, :])]
     travel = np.max([np.abs(moved).max(axis=1) for moved in probes], axis=0)[:, None]
-    effects = []
-    for moved in probes:
-        curves = [
-            np.where(np.arange(4)[:, None] == number - 1, LINEARITY * travel * np.sin(
-                waves * np.pi * moved / travel), 0.0)
-            for number in rig.probes.present for waves in (1, 2, 3)]
-        read = probes_to_displacement(rig.probes, np.swapaxes(curves, 0, 1)).channels[:3]
-        effects.append(np.swapaxes(read, 0, 1))
-    return effects
+    return [_read_as(rig, np.stack([
+        np.where(np.arange(4)[:, None] == number - 1, LINEARITY * travel * np.sin(
+            waves * np.pi * moved / travel), 0.0)
+        for number in rig.probes.present for waves in (1, 2, 3)], axis=1)) for moved in probes]
+
+
+def _read_as(rig: Rig, moved: Array) -> Array:
+    """Increments (M, 3, N) that probes (4, M, N) [m] read."""
+    return np.swapaxes(probes_to_displacement(rig.probes, moved).channels[:3], 0, 1)
 
 
 def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
@@ -346,6 +345,5 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
             rig, contact, one.elevation, one.zero_load,
             np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
         since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
-        moved = probes_to_displacement(rig.probes, since_zero).channels[:3]
-        effects.append(moved.transpose(1, 0, 2))
+        effects.append(_read_as(rig, since_zero))
     return effects
