@@ -142,22 +142,25 @@ def _banner(
     run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / (
         quantities.allowed_misfit(case[2].noise_floor, case[2].sound)))
     misfit, floor = channel.nrmse or 0.0, channel.noise_floor or 0.0
-    within = misfit <= quantities.allowed_misfit(floor, channel.sound)
     factor = 0.0 if identification is None else identification['sound_factor']
+    said, advice = (f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
+                    f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.',
+                    'saddlering diagnose on these bags looks for the missing cause.')
+    within = misfit <= quantities.allowed_misfit(floor, channel.sound)
     is_good = within and factor <= MAX_SOUND
-    said = ('These parameters predict every channel of every run within its noise and the small '
-            'errors of a sound ring.' if is_good else
-            f'The misfit is {factor:.2f} times what noise and small errors of a sound ring leave.'
-            if within else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
-            f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
+    if is_good:
+        said, advice = ('These parameters predict every channel of every run within its noise and '
+                        'the small errors of a sound ring.', '')
+    elif within:
+        said = (f'The misfit is {factor:.2f} times what noise and small errors of a sound ring '
+                'leave.')
+    if not is_good and identification is not None and identification['beside_errors']:
+        advice = ('Usual small errors of ring and rig can explain the misfit: see the parameters '
+                  'beside them.')
     shown = [one for one in curves if one.name == Path(run.name).name]
     return html.found(
-        'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'), html.paragraph(
-            '' if is_good else 'saddlering diagnose on these bags looks for the missing cause.'
-            if identification is None or identification['beside_errors'] is None else
-            'Usual small errors of ring and rig explain the misfit: see the parameters beside '
-            'them.'),
-        chapters.proof_picture(shown[0], name) if shown else '')
+        'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'),
+        html.paragraph(advice), chapters.proof_picture(shown[0], name) if shown else '')
 
 
 def _figures(validation: Validation) -> str:
