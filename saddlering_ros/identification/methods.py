@@ -56,14 +56,14 @@ PASSES = 2
 """Number of fits beside errors. A third one moved ln K2 of one of seven rings by 0.05, all else by
 0.02 at most."""
 
-MUCH_LEFT = 2.0
+MAX_FIRST_CHI_SQUARE = 2.0
 """Reduced chi square of the first such fit from which it is the last one. Rings with small errors
 or waves have 0.93 to 1.6; of 14 rings with one large cause eight have more."""
 
-MOST = 0.5
+MIN_WAVE_SHARE = 0.5
 """Share of the variance of a parameter by waves from which it is also fitted beside errors."""
 
-USUAL = 2.0
+MAX_USUAL_ERROR = 2.0
 """Error of a given course, in usual ones, up to which errors explain a misfit. A load offset of
 1.5 kN has 2.5. A trunnion 60 mm too high has 1.2: ln D1 is 0.06 off, 2.6 stated deviations."""
 
@@ -244,7 +244,8 @@ def identify(
     search = _Search(
         runs, rig, settings or IdentificationSettings(), on_progress, is_cancelled)
     found = _identified(search)
-    has_waves = any(shares.get('raceway_waves', 0.0) > MOST for shares in found.budget.values())
+    has_waves = any(shares.get('raceway_waves', 0.0) > MIN_WAVE_SHARE
+                    for shares in found.budget.values())
     is_sound = found.sound_factor <= MAX_SOUND and not has_waves
     if found.cancelled or is_sound or search.settings.method == 'paper':
         return found
@@ -417,7 +418,7 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
         best = refine(objective, space, space.coordinates(contact), search.is_cancelled)
         law, reached = best.law, best.chi_square
         search.evaluations += objective.evaluations
-        if reached > MUCH_LEFT * degrees_of_freedom(objective, best):
+        if reached > MAX_FIRST_CHI_SQUARE * degrees_of_freedom(objective, best):
             return None
     watch = partial(search.watch, 'beside errors', SearchStep(
         PASSES, PASSES + 1, reached, tuple(best.contact.tolist()), 0.0))
@@ -426,7 +427,7 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
         errors_beside(objective, best, beside.waves, usual, seed + PASSES, watch),
         search.bounds, MISFIT_ADVICE['default'])
     is_explained = (trust.reduced_chi_square <= MAX_SOUND**2 and not best.at_bound.any()
-                    and beside.largest(best.contact) <= USUAL)
+                    and beside.largest(best.contact) <= MAX_USUAL_ERROR)
     return FittedLaw(**vars(trust), contact=law, at_bound=_at_bound(space, best)) if (
         is_explained) else None
 

@@ -170,9 +170,9 @@ def beside_errors_words(noise_factor: float, waves: float) -> str:
     return (f'Usual small errors of friction, creep, structure, load and probes{beside} can '
             f'explain the misfit: {noise_factor:.2f} times the noise is left. These parameters '
             'beside the errors are the contact law of the rollers, and their intervals allow for '
-            'such errors. A larger gain of the load or of all probes, or a wrong span, bends them '
-            'without a misfit. With the first parameters a ring without errors comes nearest to '
-            'the measurement.')
+            'such errors. A larger gain of the load or of all probes, or a wrong span, makes them '
+            'wrong and leaves no misfit. With the first parameters a ring without errors comes '
+            'nearest to the measurement.')
 
 
 def _lines_beside_errors(law: FittedLaw | None) -> Iterator[str]:

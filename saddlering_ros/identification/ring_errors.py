@@ -67,7 +67,7 @@ SIZES = np.geomspace(0.05, 200.0, 31)
 POWERS = (0.0, -1.0, -2.0)
 """Powers of the maxima that are compared: errors of form grow with their length on a ring."""
 
-EXPLAINED = 0.5
+MIN_EXPLAINED = 0.5
 """Share of the power of the misfit beyond noise from which waves count. Waves of 1 to 6 um rms
 explain 0.71 to 1.0 of it, friction up to 0.65, many small errors together up to 0.48. A moment
 arm, an elevation or a bent load cell explain as much as waves, and bend K and n as they do."""
@@ -87,7 +87,7 @@ SMALL = 0.1
 LINEARITY = 1e-3
 """Standard deviation of the half waves of a probe's characteristic, as a share of its travel."""
 
-SEEN = 5.99
+MIN_EVIDENCE = 5.99
 """Twice the logarithm of the likelihood ratio from which waves count: 95 % quantile of chi square
 of size and power. Even rings reach 1.4."""
 
@@ -134,7 +134,7 @@ def waves_of(residual: Array, sound: Array, waves: Array, freedom: int) -> Waves
         found.append((float(deviance[place]), float(noise[place, 0]), sizes))
     least, remains, sizes = min(found, key=lambda one: one[0])
     share = (power / freedom - remains) / max(power / freedom - 1.0, 1e-12)
-    if found[0][0] - least < SEEN:
+    if found[0][0] - least < MIN_EVIDENCE:
         return Waves(0.0 * sizes, min(max(share, 0.0), 1.0))
     weights = np.exp(0.5 * (least - np.array([deviance for deviance, _, _ in found])))
     variances = weights @ np.array([sizes**2 for _, _, sizes in found]) / weights.sum()
@@ -169,7 +169,7 @@ def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors
         unlike(best, objective.residuals(best.contact[None])[0]),
         unlike(best, compressed(np.vstack([rollers, known]).T).T), unlike(best, each),
         degrees_of_freedom(objective, best))
-    if waves.share < EXPLAINED:
+    if waves.share < MIN_EXPLAINED:
         waves = replace(waves, sizes=0.0 * waves.sizes)
     return RingErrors(rollers, known, waves, waves.sizes[:, None] * each, each[:0])
 
