@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable
 import difflib
+from typing import Any
 
 UNUSABLE = 2
 """Exit status of a command or node whose arguments or input cannot be used."""
@@ -20,6 +21,14 @@ class Cancelled(SaddleringError):
 
     def __init__(self, message: str = 'cancelled', partial: object = None) -> None:
         super().__init__(message)
+        self.partial = partial
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a computation of which a part is complete; `partial` is its result."""
+
+    def __init__(self, partial: Any) -> None:
+        super().__init__()
         self.partial = partial
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from saddlering_ros.api.results import (
     ValidationResult,
 )
 from saddlering_ros.bags.samples import displacement_columns, write_samples
-from saddlering_ros.errors import Cancelled
+from saddlering_ros.errors import Cancelled, Interrupted
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.identification import methods, validation
 from saddlering_ros.identification.settings import IdentificationSettings, SwarmSettings
@@ -59,7 +60,8 @@ def identify(
     log_stiffness and use_delta_y change the paper's method.
     A bag that states another rig than `rig` is refused, unless trust_rig.
     on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
-    with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
+    with the result so far as `partial`; a KeyboardInterrupt has it, too, once the first law is
+    complete. Raises SaddleringError for input that cannot be used.
     """
     inputs.check_whole('seed', seed, 0)
     inputs.check_bounds({} if bounds is None else bounds)
@@ -79,12 +81,15 @@ def identify(
     given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
                              is_cancelled=is_cancelled)
     fitted, _ = inputs.for_fits(given.bags)
-    answer = methods.identify(
-        runs_of(fitted), given.rig, settings, on_progress=on_progress, is_cancelled=is_cancelled)
-    result = IdentificationResult(tuple(fitted), given.rig, given.files, answer)
+    result_of = partial(IdentificationResult, tuple(fitted), given.rig, given.files)
+    try:
+        answer = methods.identify(runs_of(fitted), given.rig, settings, on_progress=on_progress,
+                                  is_cancelled=is_cancelled)
+    except Interrupted as stopped:
+        raise Interrupted(result_of(stopped.partial)) from None
     if answer.cancelled:
-        raise Cancelled('identify: cancelled', result)
-    return result
+        raise Cancelled('identify: cancelled', result_of(answer))
+    return result_of(answer)
 
 
 def validate(

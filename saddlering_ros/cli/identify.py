@@ -4,7 +4,7 @@ import argparse
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, finish, option
-from saddlering_ros.errors import plain_number
+from saddlering_ros.errors import Interrupted, plain_number
 
 COMMANDS = (Command(
     'identify', 'identify the contact parameters from bags',
@@ -50,11 +50,14 @@ def run(args: argparse.Namespace) -> int:
             ) from problem
     IdentificationSettings(bounds=bounds).bounds_for(rig)  # a fault is reported before any reading
     bags = arguments.bags_of(args, args.bags, rig)
-    with Bar() as bar:
-        result = identify(
-            bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
-            iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
-            log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
-            seed=args.seed, trust_rig=args.trust_rig,
-            on_progress=bar.tell)
+    try:
+        with Bar() as bar:
+            result = identify(
+                bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
+                iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
+                log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
+                seed=args.seed, trust_rig=args.trust_rig, on_progress=bar.tell)
+    except Interrupted as stopped:
+        finish(args, stopped.partial)
+        raise
     return finish(args, result)

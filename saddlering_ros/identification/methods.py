@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from saddlering_ros.errors import Cancelled
+from saddlering_ros.errors import Cancelled, Interrupted
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
@@ -238,8 +238,8 @@ def identify(
     Where the misfit exceeds that of a sound ring, or where waves of the raceways bend this law
     most, it is also fitted beside waves and small errors of ring and rig.
     IdentificationError (one line) if the runs, bounds or settings cannot be used. A cancelled
-    identification returns its result so far, marked `cancelled`. No two runs may be one recording,
-    which the reading of bags refuses.
+    identification returns its result so far, marked `cancelled`. An interrupt of the second fit
+    raises `Interrupted` with the first law. Reading refuses two bags of one recording.
     """
     search = _Search(
         runs, rig, settings or IdentificationSettings(), on_progress, is_cancelled)
@@ -251,9 +251,13 @@ def identify(
         return found
     try:
         beside = _beside_errors(search, found)
-    except Cancelled:
-        return replace(found, cancelled=True, status='cancelled: the law without errors of the '
-                       'ring is complete, that beside errors is not')
+    except (Cancelled, KeyboardInterrupt) as stopped:
+        first = replace(
+            found, cancelled=True, status='cancelled: the law without errors of the ring is '
+            f'complete, that beside errors is not; {found.status}')
+        if isinstance(stopped, KeyboardInterrupt):
+            raise Interrupted(first) from None
+        return first
     if beside is None:
         words = ['no law within the bounds explains the misfit beside usual small errors of '
                  'ring and rig']

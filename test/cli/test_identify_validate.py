@@ -14,6 +14,7 @@ from identification_records import dynamic_run, RIG, static_run
 
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
+from saddlering_ros.identification import methods
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import read_parameters, TRUE_TO_SCALE
 
@@ -66,6 +67,19 @@ def test_identify_prints_a_report_and_no_progress_into_a_pipe(bags, capsys):
     assert 'reduced chi square' in printed.out
     assert 'N/mm^' in printed.out
     assert printed.err == ''
+
+
+def test_an_interrupt_of_the_fit_beside_errors_keeps_the_first_law(bags, tmp_path, capsys):
+    """Ctrl-C lost the first law, which the second fit of up to 100 s does not change."""
+    path = tmp_path / 'params.yaml'
+    with (mock.patch.object(methods, 'MAX_SOUND', 0.0),
+          mock.patch.object(methods, '_beside_errors', side_effect=KeyboardInterrupt)):
+        assert main(['identify', *bags, '--out', str(path), *QUICK]) == 130
+    printed = capsys.readouterr()
+    assert 'cancelled: the law without errors of the ring is complete' in printed.out
+    assert f'written: {path}' in printed.out
+    assert read_parameters(path).contact.to_array() == pytest.approx(
+        TRUE_TO_SCALE.to_array(), rel=0.05)
 
 
 def test_identify_json_on_stdout_is_json_alone(bags, capsys):

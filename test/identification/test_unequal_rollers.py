@@ -183,6 +183,7 @@ def test_a_search_that_is_cancelled_beside_errors_keeps_the_law_without_them():
     assert found.cancelled
     assert found.beside_errors is None
     assert found.status.startswith('cancelled: the law without errors of the ring')
+    assert 'raceways that wave by' in found.status
     assert found.chi_square > 0.0
 
 
