@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from saddlering_ros.errors import Cancelled, Interrupted
-from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
+from saddlering_ros.estimation.least_squares import NEAR, SearchSpace, USUAL_DAMPING
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import objective as objectives
@@ -367,14 +367,20 @@ def _refined(
     space = search.space(searched, _start(search.bounds), log=True)
     outcome = _Outcome(contact, best, searched, observations)
     evaluations = 0
+
+    def descend(
+        objective: WeightedObjective, start: Array, damping: float = NEAR, number: int = 2,
+    ) -> objectives.Refinement:
+        end = refine(objective, space, start, search.is_cancelled, PROVISIONAL, damping)
+        search.report('refinement', end.as_step(number))
+        return end
+
     try:
         starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
-        bottoms = []
-        for number, start in enumerate(starts, start=1):
-            bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
-            search.report('refinement', bottoms[-1].as_step(number))
+        bottoms = [descend(rough, start, USUAL_DAMPING, number)
+                   for number, start in enumerate(starts, start=1)]
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
-        lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
+        lowest = descend(coarse, lowest.point)
         outcome = _Outcome(lowest.law, lowest.chi_square, searched, observations)
         first, second = (bottom.chi_square for bottom in bottoms)
         if abs(first - second) > max(0.1, 1e-6 * first):
@@ -384,10 +390,10 @@ def _refined(
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
         with_cell = replace(
             fine, observations=[one.coarse() for one in fine.observations], evaluations=0)
-        lowest = refine(with_cell, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
+        lowest = descend(with_cell, lowest.point)
         fine = fine.with_settled_plateaus(lowest.contact)
         for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
-            lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
+            lowest = descend(fine, lowest.point)
             fine = fine.with_likely_loads(lowest.contact)
         lowest = refine(fine, space, lowest.point, search.is_cancelled, damping=NEAR)
         evaluations = with_cell.evaluations + fine.evaluations
@@ -454,8 +460,11 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         objective = WeightedObjective(search.rig, observations, search.settings.channels)
         best = objectives.stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
+    on_work = objectives.idle if search.cancelled else partial(
+        search.report, 'intervals', SearchStep(
+            0, 1, best.chi_square, tuple(best.contact.tolist()), 0.0))
     trust = assess(
-        objective, space, best, errors_of_ring(objective, best), search.bounds, advice,
+        objective, space, best, errors_of_ring(objective, best, on_work), search.bounds, advice,
         is_minimum=outcome.bottom is not None)
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)

@@ -161,10 +161,11 @@ class RingErrors:
         return np.vstack([self.rollers, self.known])
 
 
-def errors_of_ring(objective: WeightedObjective, best: Refinement) -> RingErrors:
+def errors_of_ring(
+    objective: WeightedObjective, best: Refinement, on_work: OnWork = idle) -> RingErrors:
     """Errors of a fit on even raceways, and the waves that explain most of its misfit."""
     rollers, known = _sound_errors(objective, best.contact)
-    each = objective.whiten(_changes(objective, best.contact, EACH_WAVE))
+    each = objective.whiten(_changes(objective, best.contact, EACH_WAVE, on_work))
     waves = waves_of(
         unlike(best, objective.residuals(best.contact[None])[0]),
         unlike(best, compressed(np.vstack([rollers, known]).T).T), unlike(best, each),

@@ -110,7 +110,7 @@ def test_a_bag_shows_what_it_is(bags):
 def test_progress_is_reported_in_one_form(reports, found):
     assert all(isinstance(item, Progress) and item.task == 'identify' for item in reports)
     assert all(0.0 <= item.share <= 1.0 for item in reports)
-    assert reports[-1].stage == 'refinement'
+    assert reports[-1].stage == 'intervals'
 
 
 def test_a_cancelled_identification_raises_with_what_it_had(bags):
