@@ -15,7 +15,7 @@ from saddlering_ros.diagnosis.records import build_record, DiagnosisError, Prepa
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Settings
-from saddlering_ros.doubts.wiring import units_in_words, wiring_first
+from saddlering_ros.doubts.wiring import units_in_words, units_of_notes, wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification.methods import identify_plain
@@ -136,8 +136,12 @@ def _beside_waves(
 ) -> tuple[Diagnosis, list[str]]:
     """The diagnosis beside waves of the raceways, if even raceways leave what waves explain.
 
-    With it what the waves do, in a note. No cause of even raceways is established then.
+    With it what the waves do, in a note. No cause of even raceways is established then, nor any
+    cause of readings that look like another unit, which no waves explain.
     """
+    doubted = even if even.verdict == 'unknown' else even.in_doubt()
+    if any(units_of_notes(one.test_run.notes) for one in records):
+        return doubted, []
     fitted = [record.run for record in records if not record.run.held_out]
     found = waves_beside(system, fitted, even, watch)
     if found is None:
@@ -149,7 +153,6 @@ def _beside_waves(
             'waves of the raceways are fitted beside the contact law, with and without causes, '
             'because even raceways leave a misfit that waves explain: an offset or a gain that '
             'does what waves do is not seen']
-    doubted = even if even.verdict == 'unknown' else even.in_doubt()
     best = [f'beside waves of the raceways the best explanation is '
             f'{lowered(cause.definition.title)}, which is not established'
             for cause in beside.causes[:1]]

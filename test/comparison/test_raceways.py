@@ -141,7 +141,8 @@ def test_no_cause_of_even_raceways_is_named_where_waves_explain_more(
         even, even_says, beside_says, verdict, told):
     """A ring with waves and an ovalisation was named another axial clearance."""
     contact, runs = even
-    records = [SimpleNamespace(run=run) for run in measured_by(wavy_ring(), runs)]
+    records = [SimpleNamespace(run=run, test_run=SimpleNamespace(notes=[]))
+               for run in measured_by(wavy_ring(), runs)]
     asked = []
 
     def diagnose(system, start):
@@ -154,6 +155,17 @@ def test_no_cause_of_even_raceways_is_named_where_waves_explain_more(
     assert answer.verdict == verdict
     assert told in notes[0]
     assert {'K1', 'waves 1', 'waves 9'} <= asked[0]
+
+
+@pytest.mark.parametrize('even_says', ['unknown', 'named'])
+def test_no_cause_is_named_nor_waves_fitted_where_readings_have_another_unit(even, even_says):
+    """A load in lbf took 3.5 minutes, nearly all of them beside waves, to no end."""
+    contact, runs = even
+    note = 'the load begins at 1101 N, which looks like lbf: publish newtons'
+    records = [SimpleNamespace(run=run, test_run=SimpleNamespace(notes=[note])) for run in runs]
+    answer, notes = _beside_waves(
+        RingSystem(RIG), records, diagnosed(even_says, contact), None, Watch('diagnose'))
+    assert (answer.verdict, notes) == ('unknown', [])
 
 
 def test_what_one_session_does_not_show_of_the_waves_is_a_nuisance_parameter(even):
