@@ -17,7 +17,7 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
-from saddlering_ros.identification.result import Identification, identification_text
+from saddlering_ros.identification.result import FittedLaw, Identification, identification_text
 from saddlering_ros.identification.validation import Criterion, judge, Validation, validation_text
 from saddlering_ros.quantities import verdict_line
 from saddlering_ros.rig import write_parameters
@@ -187,11 +187,11 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        return columns_of([
-            {'parameter': name, 'value': entry['value'], 'std': entry['std'],
-             **dict(zip(('low', 'high'), entry['interval'] or (None, None), strict=True)),
-             'unit': entry['unit'], 'note': entry['reason'] or ''}
-            for name, entry in self.found.entries.items()])
+        return _columns_of_law(self.found)
+
+    def _tables(self) -> dict[str, Callable[[], Columns]]:
+        beside = self.found.beside_errors
+        return {} if beside is None else {'beside_errors': lambda: _columns_of_law(beside)}
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""
@@ -416,6 +416,14 @@ class ComparisonResult(Result):
 
     def _document(self) -> dict[str, Any]:
         return self.change.to_json()
+
+
+def _columns_of_law(law: FittedLaw) -> dict[str, list[Any]]:
+    return columns_of([
+        {'parameter': name, 'value': entry['value'], 'std': entry['std'],
+         **dict(zip(('low', 'high'), entry['interval'] or (None, None), strict=True)),
+         'unit': entry['unit'], 'note': entry['reason'] or ''}
+        for name, entry in law.entries.items()])
 
 
 def _without(entries: Sequence[Any], left_out: str) -> list[dict[str, Any]]:

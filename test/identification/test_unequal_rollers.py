@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.examiner import draw_truth
+from saddlering_ros.api.results import IdentificationResult
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.effects.raceway_waves import RacewayWaves
 from saddlering_ros.identification.methods import identify
@@ -120,7 +121,7 @@ def test_a_certificate_takes_the_place_of_a_usual_error(wavy):
     assert certified.std == pytest.approx(wavy[0].beside_errors.std, rel=0.06)  # as the draws
 
 
-def test_text_json_and_report_state_the_law_beside_errors(wavy):
+def test_text_json_table_and_report_state_the_law_beside_errors(wavy):
     found, beside = wavy[0], wavy[0].beside_errors
     document, shown = found.to_json(), parameter_words('K1', beside.entries['K1'])
     assert f'    {shown}' in identification_text(found).splitlines()
@@ -128,6 +129,8 @@ def test_text_json_and_report_state_the_law_beside_errors(wavy):
     assert in_json['K1']['interval'] == list(beside.intervals['K1'])
     assert document['beside_errors']['noise_factor'] == beside.noise_factor < MAX_SOUND
     assert document['parameters']['K1']['value'] == found.parameters.contact.K1
+    table = IdentificationResult((), RIG, (), found).table('beside_errors')
+    assert table['value'] == [entry['value'] for entry in in_json.values()]
     assert 'Beside small errors of the ring' in identified(document)
     for said in identification_text(found), identified(document):
         assert 'parameters above' not in said  # two sets of parameters are above
