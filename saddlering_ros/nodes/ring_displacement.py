@@ -14,7 +14,7 @@ from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.driver import CLOCK_LIMIT, machine_findings, skew_findings
 from saddlering_ros.doubts.wiring import wiring_findings
 from saddlering_ros.quantities import quantity
-from saddlering_ros.record.batches import Displacements
+from saddlering_ros.record.batches import Displacements, is_pause
 from saddlering_ros.record.displacement import DisplacementStream, ZeroNoise
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig.geometry import displaced_frame
@@ -212,7 +212,9 @@ class RingDisplacementNode(streaming_node.StreamingNode):
     def _clocks_status(self) -> TaskStatus:
         """By arrival, as check-driver judges it; the stamps of a replay are too old for that."""
         delays = {one.topic: one.delay for one in self._streams}
-        is_replayed = self._watch.is_replayed or self.get_parameter('use_sim_time').value
+        newest = int(self._streams[0].last.max(initial=0))
+        is_replayed = (self.get_parameter('use_sim_time').value
+                       or is_pause(self._watch.recording, newest, newest))
         if is_replayed and abs(delays[LOAD.name]) > CLOCK_LIMIT:
             delays = {}
         of_machine = machine_findings(delays)

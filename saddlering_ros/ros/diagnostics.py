@@ -68,7 +68,7 @@ class StreamTask(Kept):
     A gap is an interval over GAP_FLOOR_NS and over GAP_PERIODS times the median interval: of the
     period if it has enough, else of those before. A step back is a message late, or a jump.
     Stamps that are not set are left out. delay: from stamp to arrival in the last period [s].
-    source: the name of the topic after a remapping or in a namespace.
+    last: the newest stamp, if any. source: the topic after a remapping or in a namespace.
     """
 
     NONE = np.empty(0, np.int64)
@@ -81,7 +81,7 @@ class StreamTask(Kept):
         self._arrivals: list[int] = []
         self.total = self.gaps = self.late = 0
         self._median = math.nan
-        self._last = self.NONE
+        self.last = self.NONE
 
     def push(self, batch: NDArray[Any]) -> None:
         """Keep the stamps (N,) of a batch that arrives now."""
@@ -96,8 +96,8 @@ class StreamTask(Kept):
         are_set = stamps > 0
         stamps = stamps[are_set]
         self.delay = delay_of(stamps, arrivals[are_set])
-        steps = np.diff(np.append(self._last, stamps)) / 1e9
-        self._last = np.append(self._last, stamps)[-1:]
+        steps = np.diff(np.append(self.last, stamps)) / 1e9
+        self.last = np.append(self.last, stamps)[-1:]
         forward = steps[steps > 0.0]
         long = forward[:0]
         if len(forward):

@@ -46,7 +46,7 @@ class ElevationWatch:
 
     def __init__(self, node: Node, on_news: Callable[[], None] = lambda: None) -> None:
         self.of_bag = self.measured = math.nan
-        self.recording, self.is_paused, self.is_replayed = ANY_TIME, False, False
+        self.recording, self.is_paused = ANY_TIME, False
         self.doubt = ''  # about the newest reading of the inclinometer, in words
         self.due = self._heard = math.nan  # time of the next and the last reading [s, monotonic]
         self._read: dict[str, float] = {}  # the last reading [rad] by topic
@@ -82,7 +82,6 @@ class ElevationWatch:
 
     def _on_state(self, message: ReplayState) -> None:
         self.recording = to_stamp(message.start), to_stamp(message.end)
-        self.is_replayed = True
         self.is_paused = message.state in (ReplayState.WAITING, ReplayState.PAUSED)
         value = float(message.elevation)
         if value != self.of_bag and not (math.isnan(value) and math.isnan(self.of_bag)):

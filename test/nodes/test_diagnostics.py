@@ -24,7 +24,7 @@ from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
-from saddlering_ros.record.batches import SECOND
+from saddlering_ros.record.batches import ANY_TIME, SECOND
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
@@ -353,16 +353,18 @@ ONE_CLOCK = 'no difference between load and probes is seen'
                'use_sim_time:=true)'),
     (-7200.0, 0.0, '/rig/hydraulic_load: stamps are 2.00 h ahead of the clock of this machine'),
     (1e8, 0.2, '/rig/hydraulic_load: stamps are 1157 d behind')])
-@pytest.mark.parametrize('replayed', ['', 'by the suite', 'by another player'])
+@pytest.mark.parametrize('replayed', ['', 'by the suite', 'by another player', 'before'])
 def test_a_clock_of_the_probes_apart_from_that_of_the_load_is_told(
         behind: float, apart: float, words: str, replayed: str, monkeypatch: pytest.MonkeyPatch,
         ) -> None:
     topics = (LOAD_TOPIC, *PROBE_TOPICS)
     node: Any = SimpleNamespace(
         _streams=[StreamTask(topic) for topic in topics],
-        _watch=SimpleNamespace(is_replayed=replayed == 'by the suite'),
+        _watch=SimpleNamespace(recording={
+            'by the suite': (START, START + SECOND), 'before': (START - SECOND, START - MS),
+        }.get(replayed, ANY_TIME)),
         get_parameter=lambda _: SimpleNamespace(value=replayed == 'by another player'))
-    if replayed and abs(behind) > 1.0:
+    if replayed.startswith('by') and abs(behind) > 1.0:
         words = ONE_CLOCK  # the time of arrival tells nothing
     stamps = START + MS * np.arange(100)
     now = iter(np.repeat(stamps + round(behind * SECOND), len(topics)).tolist())
