@@ -181,54 +181,59 @@ share of range."""
 
 
 def _other_units(problem: Problem, fit: fits.Fit) -> list[str]:
-    """A sentence for each channel whose readings have another unit, or that nothing moves."""
-    base, empty = problem.system.base_parameters, fits.Candidate()
-
-    def in_channels(stacked: Array) -> list[Array]:
-        """Stacked columns (n, B) or (n,) by channel, weighted by time, less a free constant."""
-        return [np.concatenate([
-            (seen.T * np.sqrt(problem.sample_weights(run, name))).T for run, seen in zip(
-                problem.runs, problem.view_residuals(stacked, name), strict=True)])
-            for name in problem.view_ranges]
-
-    measured = in_channels(problem.measured)
+    """A sentence for each channel that nothing moves, or whose readings have another unit."""
+    base, names = problem.system.base_parameters, problem.system.channel_names
     large = [number for number, (seen, left) in enumerate(zip(
-        measured, in_channels(fit.prediction - problem.measured), strict=True))
+        _by_channel(problem, problem.measured),
+        _by_channel(problem, fit.prediction - problem.measured), strict=True))
         if left @ left > (1.0 - 1.0 / MIN_FACTOR) ** 2 * (seen @ seen)]
     if not large:
         return []
+    empty = fits.Candidate()
     points = [empty.point(base, one) for one in fits.spread_starts(base, problem.settings.seed)]
     points += [empty.plus(effect, 0).point(base, np.r_[fit.theta_unit, start])
                for effect in problem.system.effects for start in effect.first_guesses]
     answers = problem.predict(points)
     answers = answers[:, np.isfinite(answers).all(axis=0)]
-    factors, found = np.ones(len(measured)), []
-    for number in large:
-        name, seen = problem.system.channel_names[number], in_channels(answers)[number]
-        if all(not np.ptp(block[number], axis=0).any() for block in problem.by_run(answers)):
-            found.append(wording.NEVER_MOVES.format(name))
-        else:
-            powers = np.maximum((seen**2).sum(axis=0), 1e-300)
-            factors[number] = np.median(measured[number] @ seen / powers)
-    theta = fits.declared_start(base)
-    for _ in range(FACTOR_ROUNDS):
+    moving = [number for number in large
+              if any(np.ptp(run[number], axis=0).any() for run in problem.by_run(answers))]
+    still = [wording.NEVER_MOVES.format(names[one]) for one in large if one not in moving]
+    return still + [wording.unit_words(names[one], factor)
+                    for one, factor in _factors(problem, answers, moving).items()]
+
+
+def _factors(problem: Problem, answers: Array, channels: Sequence[int]) -> dict[int, float]:
+    """Readings over simulation of those among `channels` whose readings have another unit.
+
+    The base is refitted to the readings over their factors, which begin with those over answers
+    (n, B) of the simulator.
+    """
+    measured, simulated = (_by_channel(problem, one) for one in (problem.measured, answers))
+    factors, theta = np.ones(len(measured)), fits.declared_start(problem.system.base_parameters)
+    for again in range(FACTOR_ROUNDS, -1, -1):
+        for number in channels:
+            powers = np.maximum((simulated[number] ** 2).sum(axis=0), 1e-300)
+            factors[number] = np.median(measured[number] @ simulated[number] / powers)
         if not (np.isfinite(factors).all() and factors.all()):
-            return found
-        metric = fits.GainMetric(problem.with_runs([
-            replace(run, channels=run.channels / factors[:, None]) for run in problem.runs]),
-            FACTOR_UNIT)
-        [own] = fits.run_refits(metric, [fits.refit(metric, empty, theta)])
-        theta, simulated = own.theta_unit, in_channels(own.prediction)
-        for number in large:
-            power = max(float(simulated[number] @ simulated[number]), 1e-300)
-            factors[number] = measured[number] @ simulated[number] / power
-    for number in large:
-        likeness = abs(factors[number]) * float(
-            np.linalg.norm(simulated[number]) / np.linalg.norm(measured[number]))
-        if likeness >= MIN_LIKENESS and not 1.0 / MIN_FACTOR < factors[number] < MIN_FACTOR:
-            found.append(wording.unit_words(
-                problem.system.channel_names[number], float(factors[number])))
-    return found
+            return {}
+        if again:
+            metric = fits.GainMetric(problem.with_runs([
+                replace(run, channels=run.channels / factors[:, None]) for run in problem.runs]),
+                FACTOR_UNIT)
+            [own] = fits.run_refits(metric, [fits.refit(metric, fits.Candidate(), theta)])
+            theta, simulated = own.theta_unit, _by_channel(problem, own.prediction)
+    return {number: float(factors[number]) for number in channels
+            if not 1.0 / MIN_FACTOR < factors[number] < MIN_FACTOR
+            and abs(factors[number]) * np.linalg.norm(simulated[number])
+            >= MIN_LIKENESS * np.linalg.norm(measured[number])}
+
+
+def _by_channel(problem: Problem, stacked: Array) -> list[Array]:
+    """Stacked columns (n, B) or (n,) by channel, weighted by time, less a free constant."""
+    return [np.concatenate([
+        (seen.T * np.sqrt(problem.sample_weights(run, name))).T for run, seen in zip(
+            problem.runs, problem.view_residuals(stacked, name), strict=True)])
+        for name in problem.view_ranges]
 
 
 FEW_SAMPLES = 0.01

@@ -28,8 +28,8 @@ def axis(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
             'heat': parameters['loss'] * speed**2}
 
 
-def still(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-    return {**axis(parameters, run), 'force': np.full(run.time.size, 3.0)}
+def still(channel: str) -> Callable[..., dict[str, np.ndarray]]:
+    return lambda parameters, run: {**axis(parameters, run), channel: np.zeros(run.time.size)}
 
 
 def model(simulate: Callable[..., dict[str, np.ndarray]] = axis) -> Model:
@@ -82,10 +82,15 @@ def test_friction_beside_another_unit_changes_no_note(factor: float) -> None:
 
 
 def test_a_simulator_that_never_moves_is_told() -> None:
-    answer = found(still)
+    answer = found(still('force'))
     assert answer.verdict == 'unknown'
     [note] = notes(answer)
     assert note.startswith('force: the simulator gives one value throughout each run, whatever')
+
+
+def test_a_channel_that_never_moves_hides_no_other_unit() -> None:
+    answer = found(still('heat'), force=1000.0)
+    assert [note.split(':')[0] for note in notes(answer)] == ['heat', 'force']
 
 
 def test_a_check_tells_the_unit_before_a_diagnosis() -> None:
