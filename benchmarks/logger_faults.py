@@ -244,7 +244,7 @@ def tried(records: tuple[RawRecord, ...]) -> Tried:
     """The records judged as `info` and `identify` judge a bag."""
     runs = tuple(run_of_record(record, record.facts, RIG) for record in records)
     for run, record in zip(runs, records, strict=True):
-        run.notes.extend(map(str, findings_on_rig(RIG, run, record)))
+        run.notes.extend(findings_on_rig(RIG, run, record))
     return Tried(runs, identify(runs, RIG))
 
 

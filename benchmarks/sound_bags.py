@@ -57,7 +57,7 @@ def main() -> None:
         rig, facts, plan = drawn(seed)
         record = as_read(experiment.record_test(plan), rig.probes, facts, f'seed_{seed}')
         run = run_of_record(record, facts, rig)
-        notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
+        notes = [*run.notes, *findings_on_rig(rig, run, record)]
         noted += bool(notes)
         for note in notes:
             print(f'{seed}: {facts.test} at {facts.elevation_deg:.0f} deg, '

@@ -91,7 +91,7 @@ def read_run(
     run = replace(readings.run_of_record(record, facts, rig), sha256=directory.sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
-        run.notes.extend(map(str, findings_on_rig(rig, run, record)))
+        run.notes.extend(findings_on_rig(rig, run, record))
     return run
 
 
@@ -350,7 +350,7 @@ def bag_info(
             if elevation is None:
                 readings.check_inclinometer(record, facts)
             run = readings.run_of_record(record, facts, rig)
-            notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
+            notes = [*run.notes, *findings_on_rig(rig, run, record)]
             if run.test == 'static':
                 count = 0
                 count = len(plateaus(run))

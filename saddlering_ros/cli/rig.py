@@ -96,4 +96,4 @@ def contradictions(
 
     run = condensed(read_run(bag, test=test, elevation=elevation, rig=rig), rig)
     findings = check_rig(rig, read_raw(bag, rig=rig), run)
-    return [*map(str, findings)], [] if findings else elevations_alike(rig, run)
+    return [*findings], [] if findings else elevations_alike(rig, run)

@@ -1,18 +1,18 @@
 """What is doubtful in a record, on its rig, beside other records, or in a driver; in words."""
 
-from dataclasses import dataclass
-
 FAULT, NOTE = 'fault', 'note'
 """Severities: to be mended before a test; to be read before a result is trusted."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What is doubtful, with the remedy; where: the topic, '' for the record as a whole."""
+class Finding(str):
+    """A line on what is doubtful, with the remedy, and data behind it.
 
-    words: str
-    where: str = ''
-    severity: str = NOTE
+    where: the topic, '' for the record as a whole; units: those that its readings look like, ''.
+    """
 
-    def __str__(self) -> str:
-        return f'{self.where}: {self.words}' if self.where else self.words
+    def __new__(cls, words: str, where: str = '', *_: str, units: str = '') -> 'Finding':
+        return super().__new__(cls, f'{where}: {words}' if where else words)
+
+    def __init__(self, words: str, where: str = '', severity: str = NOTE, *, units: str = '',
+                 ) -> None:
+        self.words, self.where, self.severity, self.units = words, where, severity, units

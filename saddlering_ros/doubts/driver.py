@@ -1,7 +1,7 @@
 """Faults of a driver of the rig, from some seconds of its topics; no ROS in it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -270,5 +270,5 @@ def _directions(
     if probes.absent:
         other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
-    findings += [replace(finding, where='probes', severity=FAULT)
+    findings += [Finding(finding.words, 'probes', FAULT)
                  for finding in wiring_findings(rig, elevation, values, gaps)]

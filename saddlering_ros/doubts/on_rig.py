@@ -199,7 +199,7 @@ def rig_findings(
         if looks and not _is_near(high, wanted):
             findings.append(Finding(
                 f'probe {number} publishes a span up to {high:.4g} m and the rig file gives '
-                f'{wanted:.4g} m, which looks like {looks[0]}: publish metres'))
+                f'{wanted:.4g} m, which looks like {looks[0]}: publish metres', units=looks[0]))
     if test == 'dynamic':
         holds = find_holds(time, load)
         held = sum(float(time[stop - 1] - time[start]) for start, stop in holds)
@@ -250,10 +250,11 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     looks = [name for name in units_of_preload(rig, start)
              if PEAK_SHARE < peak * FORCE_UNITS[name] / full < OVERLOAD]
     if looks:
+        units = f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N)'
         return [Finding(
             f'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like '
-            f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or K '
-            f'comes out about {FORCE_UNITS[looks[0]]:.2g} times too small')]
+            f'{units}: publish newtons, or K comes out about '
+            f'{FORCE_UNITS[looks[0]]:.2g} times too small', units=units)]
     if peak > OVERLOAD * full:
         return [Finding(
             f'the load reaches {rig.force_words(peak)} and the full scale is '

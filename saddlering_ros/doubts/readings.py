@@ -310,7 +310,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     possible = _possible_record(record, rig or load_rig())
     qualities = {name: topic_quality(possible[name].stamps, possible[name].values)
                  for name in RIG_TOPICS}
-    findings: list[object] = [*record.notes, *filter(None, [facts.details.get('recorder_note')])]
+    findings: list[str] = [*record.notes, *filter(None, [facts.details.get('recorder_note')])]
     if absent and rig is not None:
         findings.append(Finding(
             f'probe {rig.probes.absent} is absent (rig.probes.absent): delta_x is of probe '
@@ -367,7 +367,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=batches.seconds_array(load.stamps, int(load.stamps[0])),
-        load=load.values, gaps=gaps, notes=[*map(str, findings)],
+        load=load.values, gaps=gaps, notes=findings,
         spikes=_spikes(load, possible, qualities), quality=qualities, others=others,
         details=facts.details, used=used, published=published,
         probe_marks=_marks_of(guards[1:], load.stamps),

@@ -116,10 +116,8 @@ def wiring_first(rig: Rig, runs: Sequence[Record]) -> str:
 
 
 def units_of_notes(notes: Sequence[str]) -> list[str]:
-    """Units that notes of a record name as those of its readings: 'lbf (the preload is ..)'."""
-    parts = (note.partition(': publish')[0].partition('which looks like ')
-             for note in notes if ': publish' in note)
-    return [unit for _, _, unit in parts if unit]
+    """Units that the readings of a record look like: 'lbf (the preload is ..)'."""
+    return [note.units for note in notes if isinstance(note, Finding) and note.units]
 
 
 def units_in_words(notes: Sequence[str]) -> str:

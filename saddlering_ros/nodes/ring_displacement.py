@@ -191,7 +191,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         wrong = [] if missing or not len(since_zero) else wiring_findings(
             self._rig, self._stream.elevation, since_zero[:, 0], since_zero[:, 1:].T)
         if wrong:
-            return TaskStatus(WARN, '; '.join(map(str, wrong)))
+            return TaskStatus(WARN, '; '.join(wrong))
         rows, self._told_rows = self._stream.rows - self._told_rows, self._stream.rows
         if not missing:
             return TaskStatus(OK, 'no readings in this period' if not rows else

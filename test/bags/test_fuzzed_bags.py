@@ -18,6 +18,7 @@ import zstandard
 
 from saddlering_ros.bags.folder import INFORMATION
 from saddlering_ros.bags.reader import bag_info, read_run
+from saddlering_ros.doubts import Finding
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
@@ -300,7 +301,7 @@ def test_what_looks_swapped_comes_before_any_test(sound):
         'polarity.')
     swapped.gaps = gaps
     assert not wiring_first(default_rig(), [swapped])
-    swapped.notes = ['the load begins at 1101 N, which looks like lbf: publish newtons',
+    swapped.notes = [Finding('the load begins at 1101 N', units='lbf'),
                      'the load is held, which looks like a static test: give --test static']
     assert wiring_first(default_rig(), [swapped]) == (
         'See to the units first: in static_50 readings look like lbf.')

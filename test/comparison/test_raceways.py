@@ -12,6 +12,7 @@ from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_diagnosis import _beside_waves
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
+from saddlering_ros.doubts import Finding
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.progress import Watch
 from saddlering_ros.rig import TRUE_TO_SCALE
@@ -161,7 +162,7 @@ def test_no_cause_of_even_raceways_is_named_where_waves_explain_more(
 def test_no_cause_is_named_nor_waves_fitted_where_readings_have_another_unit(even, even_says):
     """A load in lbf took 3.5 minutes, nearly all of them beside waves, to no end."""
     contact, runs = even
-    note = 'the load begins at 1101 N, which looks like lbf: publish newtons'
+    note = Finding('the load begins at 1101 N', units='lbf')
     records = [SimpleNamespace(run=run, test_run=SimpleNamespace(notes=[note])) for run in runs]
     answer, notes = _beside_waves(
         RingSystem(RIG), records, diagnosed(even_says, contact), None, Watch('diagnose'))

@@ -9,6 +9,7 @@ from saddlering_ros.bags.reader import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.diagnosis import DiagnosisError
 from saddlering_ros.diagnosis.records import build_record, check_set
+from saddlering_ros.doubts import Finding
 from saddlering_ros.errors import BagError
 from saddlering_ros.rig import default_rig
 
@@ -28,7 +29,7 @@ def test_a_load_that_never_rises_is_an_error_in_one_line(campaign):
     run = read_run(campaign()[2])
     with pytest.raises(DiagnosisError, match=r'no load exceeds 5\.0 t, a fifth of full scale'):
         diagnosis.diagnose_ring([replace(run, load=0.1 * run.load)], rig=default_rig())
-    notes = ['the load begins at 500 N, which looks like kgf or daN: publish newtons']
+    notes = [Finding('the load begins at 500 N', units='kgf or daN')]
     with pytest.raises(DiagnosisError, match=r'; the readings look like kgf or daN$'):
         diagnosis.diagnose_ring([replace(run, load=0.1 * run.load, notes=notes)],
                                 rig=default_rig())
