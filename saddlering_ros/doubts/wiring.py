@@ -73,10 +73,11 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     # The side is certain but for probes that hardly move at this elevation.
     axial = np.abs(expected[1::2]).max()
     clear = np.abs(expected) >= CLEAR_SIDE * np.array([1.0, axial, 1.0, axial])
-    noise = float(np.median([white_noise(gaps[number - 1]) for number in rig.probes.present]))
+    present = [number - 1 for number in rig.probes.present]
+    noise = float(np.median([white_noise(gaps[probe]) for probe in present]))
     none_follows = largest < FOLLOWING * noise
     stuck, dead = [], []
-    for probe in (number - 1 for number in rig.probes.present):
+    for probe in present:
         is_stuck = _stuck(rig, probe, load, gaps[probe])
         stuck += is_stuck
         is_dead = motion[probe] < DEAD_SHARE * largest and not none_follows
@@ -89,7 +90,7 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     copied = [Finding(f'probes {first + 1} and {second + 1} have the same readings throughout: '
                       'one channel is recorded twice: correct the driver or the map of the '
                       'import')
-              for first, second in combinations(range(4), 2)
+              for first, second in combinations(present, 2)
               if np.array_equal(gaps[first], gaps[second])]
     if stuck or dead or copied:
         return [*stuck, *dead, *copied]

@@ -216,6 +216,13 @@ def test_swapped_or_copied_channels_are_named_with_what_to_correct(cables, words
     assert [note[:len(words)] for note in notes] == ([words] if words else [])
 
 
+def test_the_mirror_of_a_probe_that_faces_an_absent_one_is_no_copy_at_opposite_polarities():
+    load = np.linspace(0.0, 24.0 * TONNE, 400)
+    rig = replace(RIG, probes=replace(RIG.probes, polarity=(-1, 1, 1, 1), absent=3))
+    slopes = np.array([-4.0, 3.0, -4.0, -1.5])[:, None] * 1e-10
+    assert not wiring_findings(rig, math.radians(60.0), load, 1e-3 + slopes * load)
+
+
 def test_steps_that_are_held_look_like_a_static_test():
     time = np.arange(0.0, 60.0, 0.02)
     levels = TONNE * np.concatenate([np.arange(1, 11), np.arange(9, 0, -1)])
