@@ -90,7 +90,8 @@ class RingDisplacementNode(streaming_node.StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_displacement')
         self._watch = ElevationWatch(self)
-        self._arrived, self._awaited, self._zero_stamp, self._told_rows = 0.0, 0, 0, 0
+        self._arrivals = streaming_node.Arrivals()
+        self._awaited, self._zero_stamp, self._told_rows = 0, 0, 0
         self._given_at = -math.inf
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
@@ -129,14 +130,15 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                        for flow, topic in zip(self.inputs, self._topics, strict=True))
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
-        self._arrived = time.monotonic()
+        now = time.monotonic()
+        self._arrivals.note(now)
         self._stream.elevation, _ = self._watch.resolve(
             math.radians(self.settings['elevation_deg']))
         self._stream.recording = self._watch.recording
         rows = self._stream.rows
-        self._send(self._stream.push(load, gaps, self._arrived))
+        self._send(self._stream.push(load, gaps, now))
         if self._stream.rows > rows:
-            self._given_at = self._arrived
+            self._given_at = now
         awaited = self._stream.awaited(rows)
         self._awaited = self._awaited if awaited is None else awaited
 
@@ -148,7 +150,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         """Take the samples that wait for successors, after a time without data."""
         if not self._stream.held:
             return 1.0
-        if now - self._arrived >= FLUSH_AFTER:
+        if self._arrivals.have_ended(now, FLUSH_AFTER):
             self._send(self._stream.flush())
             self._untold = True
         return FLUSH_AFTER / 2

@@ -57,7 +57,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._watch = rig_state.ElevationWatch(self, self._on_elevation)
         self._elevation, self._elevation_source = math.nan, ''
         self._given = node_parameters.given_sections(self, ('contact', 'effects', 'source'))
-        self._arrived = -math.inf
+        self._arrivals = streaming_node.Arrivals()
         self._refused, self._parameters_stamp = '', 0
         self.offer(Trigger, '~/restart', self._on_restart)
         self.offer(Trigger, '~/zero', self._on_zero)
@@ -175,20 +175,20 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         load = self.inputs[0].take_samples(LOAD)
         if not len(load):
             return
-        self._arrived = time.monotonic()
+        self._arrivals.note(time.monotonic())
         self._stream.recording = self._watch.recording
         if not self._watch.contradiction(self._elevation):
             self._send(self._stream.push(load))
 
     def at_intervals(self, now: float) -> float:
         """Simulate the samples held for late ones, after a time without data."""
-        stream, silent = self._stream, now - self._arrived
+        stream, arrivals = self._stream, self._arrivals
         if not stream.held and not stream.guard.holds:
             return 1.0
-        if stream.guard.holds and silent >= GUARD_FLUSH_AFTER:
+        if stream.guard.holds and arrivals.have_ended(now, GUARD_FLUSH_AFTER):
             self._send(stream.flush_guard())
             self._untold = True
-        elif stream.held and silent >= FLUSH_AFTER:
+        elif stream.held and now - arrivals.last >= FLUSH_AFTER:
             self._send(stream.flush())
             self._untold = True
         return FLUSH_AFTER / 2
@@ -217,7 +217,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         return 'restarts at the next preload'
 
     def _on_zero(self, _: Trigger.Request) -> str:
-        self.refuse_silence(self._arrived, self._watch.is_paused)
+        self.refuse_silence(self._arrivals.last, self._watch.is_paused)
         if not self._stream.newest_stamp:
             raise NodeError('no load yet: start the driver or the replay first')
         self._stream.zero_after(self._stream.newest_stamp)
@@ -275,7 +275,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
             return TaskStatus(ERROR, f'nothing is simulated: {wrong}', figures)
         words = f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
         doubt = self._watch.doubt
-        if self._elevation_source == 'measured' and self._arrived > self._watch.due:
+        if self._elevation_source == 'measured' and self._arrivals.last > self._watch.due:
             doubt = 'the inclinometer has stopped: see to it, or give elevation_deg'
         if doubt:
             return TaskStatus(WARN, f'{doubt} (simulated: {words})', figures)

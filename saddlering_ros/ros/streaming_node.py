@@ -4,10 +4,12 @@ Below it: from a command line to a running node and its exit status, ended clean
 """
 
 import atexit
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import ctypes
 import gc
+import math
 import os
 import re
 import signal
@@ -59,6 +61,29 @@ MAX_SILENCE = 3.0
 LONGEST_HAND_OVER = 1.5
 """Longest time [s] at its end for which a node sends again what its readers miss; with
 LONGEST_END it stays below the five seconds of a launch."""
+
+
+RECENT_BATCHES, MAX_PAUSE, WAITS = 10, 10.0, 2.0
+"""A longer time [s] between two batches is a pause. The next batch is given WAITS times the
+longest time between the recent ones: a test at 2 Hz, or a slow replay, is no silence."""
+
+
+class Arrivals:
+    """When batches of an input came, by a clock that no one sets [s]."""
+
+    def __init__(self) -> None:
+        self.last = -math.inf
+        self._waits: deque[float] = deque(maxlen=RECENT_BATCHES)
+
+    def note(self, now: float) -> None:
+        """A batch has come."""
+        if now - self.last <= MAX_PAUSE:
+            self._waits.append(now - self.last)
+        self.last = now
+
+    def have_ended(self, now: float, patience: float) -> bool:
+        """Whether nothing has come for `patience` [s], nor for as long as the next may take."""
+        return now - self.last >= max(patience, WAITS * max(self._waits, default=0.0))
 
 
 class StreamingNode(LifecycleNode):

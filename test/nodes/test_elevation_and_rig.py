@@ -130,9 +130,9 @@ def test_inclinometers_that_disagree_stop_or_fail_are_told_and_restart_nothing()
         assert len(streams) <= 3, 'restarts for the first readings only'
         node.destroy_publisher(second)
         assert [told('53.000 deg, measured', 53.0) for _ in range(30)] == [0] * 30
-        node._arrived = time.monotonic() + 10.0  # the load goes on
+        node._arrivals.last = time.monotonic() + 10.0  # the load goes on
         assert told('the inclinometer has stopped', 0.0) == 1
-        node._arrived = 0.0
+        node._arrivals.last = 0.0
         assert told('reads nan rad, which no barrel has: see to it', math.nan) == 1
         assert math.isclose(node._elevation, math.radians(53.0))
         assert len(streams) <= 3

@@ -1,8 +1,13 @@
 """An impossible stamp or reading costs itself and no other sample."""
 
+import time
+
 import numpy as np
 import pytest
+import rclpy
 
+from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
+from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
 from saddlering_ros.record.batches import BRIDGED, Displacements, DOUBTFUL_LOAD, join, Samples
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
@@ -186,3 +191,39 @@ def test_an_impossible_gap_is_bridged_and_marked(record) -> None:
     assert 1 <= len(marked) <= 2
     assert np.abs(marked - record.probe_stamps[0][900]).max() <= 2 * MS
     assert stream.events()['impossible'] == 1
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('kind', [RingSimulatorNode, RingDisplacementNode])
+@pytest.mark.parametrize('period', [0.1, 0.7])
+def test_an_outlier_is_refused_however_slowly_its_stream_is_played(
+        kind, period: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    rclpy.init(args=[''])
+    node, clock = kind(), [time.monotonic()]
+    monkeypatch.setattr(time, 'monotonic', lambda: clock[0])
+    try:
+        node.configure()
+        node._send = lambda batch: None
+        loads = np.full(40, RIG.preload)
+        loads[30] += 0.3 * RIG.full_scale_load
+        for row, load in enumerate(loads):
+            stamps = np.array([START + 10 * MS * row])
+            node.inputs = [Arrived(stamps, load), *(Arrived(stamps, 1e-3) for _ in range(4))]
+            node.process_batch()
+            clock[0] += period - 0.01
+            node.at_intervals(clock[0])
+            clock[0] += 0.01
+        guard = node._stream.guard if kind is RingSimulatorNode else node._stream.guards()[0]
+        assert (guard.counters.leaps_of_reading, guard.counters.doubtful_load) == (1, 0)
+    finally:
+        monkeypatch.undo()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Arrived:
+    """An input of a node that takes one sample."""
+
+    def __init__(self, stamps: np.ndarray, value: float) -> None:
+        self.take_samples = lambda _: Samples(stamps, np.full(len(stamps), value))
