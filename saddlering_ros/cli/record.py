@@ -33,15 +33,18 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Record until a signal ends it, which is how a recording ends: status 0."""
+    from saddlering_ros.doubts.readings import absent_topic
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.record.record import TestMetadata
+    from saddlering_ros.record.topics import RIG_TOPICS
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
 
     if (args.test is None) != (args.elevation is None):
         raise BagError('--test and --elevation belong together: give both, or neither')
-    facts = {} if args.rig is None else {'rig_hash': load_rig(args.rig).digest}
+    rig = None if args.rig is None else load_rig(args.rig)
+    facts = {} if rig is None else {'rig_hash': rig.digest}
     if args.test is not None:
         facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
     domain = arguments.domain_of(args)
@@ -70,4 +73,8 @@ def run(args: argparse.Namespace) -> int:
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}, namespace '
               f'{namespace_of(args.namespace) or "/"}', file=sys.stderr)
+    elif silent := [topic for topic in RIG_TOPICS
+                    if not counts[topic] and topic != absent_topic(rig)]:
+        print(f'note: nothing was received on {", ".join(silent)}, and the bag is no test without '
+              'it: start its driver, or remap its topic, and record again', file=sys.stderr)
     return 0

@@ -2,6 +2,8 @@
 
 import math
 from pathlib import Path
+import signal
+import threading
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -118,3 +120,15 @@ def test_a_fault_of_the_recorder_is_told(
             recorder.recording(tmp_path / 'bag', ros_domain) as node:
         wait_until(lambda: node.done)
     assert recorded(tmp_path / 'bag') == []
+
+
+def test_a_topic_of_the_rig_that_never_came_is_noted_at_the_end_of_a_recording(
+        publisher: Publisher, ros_domain: int, tmp_path: Path, monkeypatch: Any,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(signal, 'signal', lambda number, handler: None)  # of the test run
+    sending = threading.Thread(target=publisher.send, args=(SOUND,))
+    sending.start()
+    words = ['record', str(tmp_path / 'bag'), '--domain', str(ros_domain), '--duration', '3']
+    assert main(words) == 0
+    sending.join()
+    assert capsys.readouterr().err.startswith('note: nothing was received on /rig/eddy_current_1,')
