@@ -69,10 +69,8 @@ OnProgress = Callable[[Progress], None]
 IsCancelled = Callable[[], bool]
 """Asked between steps; once it returns True the computation raises `Cancelled`."""
 
-
 TELL_EVERY, TELL_LEFT_FROM = 0.5, 5.0
 """Seconds between two reports of one stage, and after which the time left is estimated."""
-
 
 LAST_SHARE, STAGE_LEFT = 0.97, 0.5
 """Share that work in a stage leads towards, and the work after which half of the way to it is

@@ -85,7 +85,6 @@ at another time or measured load. ROLLERS: stiffness and gaps of rollers. READIN
 added to the contact motion and to the probes' readings.
 """
 
-
 STAGES = ('load path', 'ring', 'measurement')
 """The way of the signal, in order; an effect sets parameters of one stage only."""
 

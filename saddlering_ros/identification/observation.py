@@ -214,7 +214,6 @@ ANSWER_STEP = 2e-3
 PAUSE = 10.0
 """Distance of two readings, in usual ones, from which on they are read about a pause."""
 
-
 FOLLOWED = 1.0
 """Time [s] over which the mean motion of a ring follows the load at once."""
 

@@ -223,8 +223,6 @@ def parity_at_rest(measured: MeasuredRun) -> Array:
     return filled((parity - design @ smooth)[None, :])[0]
 
 
-
-
 def warnings_of(run: Record, rig: Rig) -> list[str]:
     """Faults that make the result of a run doubtful, one line each."""
     warnings = [*run.notes]

@@ -20,7 +20,6 @@ from saddlering_ros.record.batches import SECOND
 _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
 
-
 MAX_LEAP = 0.05 * SECOND
 """A start of a channel that lies farther [ns] from the end of the rows before it is that of
 another recording: clocks of computers scatter by less, and no pause of a test is so short."""

@@ -25,7 +25,6 @@ STEPS_MISSED = 2
 STEP_MEMORY = 0.95
 """Share of the length of the longest recent block that counts at the next batch."""
 
-
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
 

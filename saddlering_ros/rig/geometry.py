@@ -207,7 +207,6 @@ BLOCK = 8192
 CONVERTED = 512
 """Samples made numbers of Python together: most zeros end within a second."""
 
-
 Samples = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time (N,) [s], load (N,) [N] and gaps (4 or none, N) [m] of a stretch of a record."""
 

@@ -166,7 +166,6 @@ TRUE_TO_SCALE = ContactParameters(
     n2=10.0 / 9.0, D2=3e6)
 """Values that give displacements of the size measured on a real ring (a project assumption)."""
 
-
 SOURCE_KEYS = ('method', 'bags', 'objective', 'covariance', 'note', 'sha256', 'versions',
                'undetermined', 'rig_hash', 'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
 """Entries of the section `source`."""

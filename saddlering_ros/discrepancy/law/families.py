@@ -91,7 +91,6 @@ class ObservedRun:
 Products = Callable[[Array], tuple[Array, Array]]
 """Products (k, k) of columns (n, k), whitened, with each other, and (k, B) with whitened ones."""
 
-
 Folds = Sequence[slice | NDArray[np.int64]]
 """Rows that are held out in turn."""
 

@@ -28,7 +28,6 @@ Chosen for parity, which holds only noise and small errors in a sound ring."""
 MIN_VIEW_SHARE = 0.2
 """Smallest range of a view over its neighbours': a view at rest has no large misfit."""
 
-
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
 LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]
 """Noise by run name and channel, from runs and, if there are some, residuals (C, N) per run."""

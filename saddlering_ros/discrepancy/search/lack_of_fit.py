@@ -36,7 +36,6 @@ TIME_WAVES = 8
 WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure: fewer look like scatter."""
 
-
 CONSTANT, MIN_CONSTANT = 'no coordinate, as a constant does', 0.9
 """What a misfit goes along whose mean has this share of the power of a shape: every coordinate has
 a constant, and a switch with two values would be named, because it has no other shape."""

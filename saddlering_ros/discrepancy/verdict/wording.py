@@ -26,7 +26,6 @@ MIN_AGAINST = 0.01
 MAX_SURE = 0.99
 """Largest probability that is reported for alternatives."""
 
-
 PREDICTS = 0.5
 """Misfit reduction on predicted runs from which a cause speaks against small errors alone, though
 it is not established: half."""
@@ -464,4 +463,3 @@ def almost_a_cause_words(title: str, share: float, visible: float) -> str:
         return f'{title} has {percent(share)} of the evidence that a cause needs'
     return (f'{title} has the evidence that a cause needs, but changes only {percent(visible)} of '
             'range, which is too small to matter')
-
