@@ -22,6 +22,8 @@ from saddlering_ros.identification.ring_errors import (
     degrees_of_freedom,
     errors_beside,
     errors_of_ring,
+    MAX_FIRST_CHI_SQUARE,
+    PASSES,
 )
 from saddlering_ros.identification.settings import (
     Bounds,
@@ -30,7 +32,13 @@ from saddlering_ros.identification.settings import (
     StopReason,
     SwarmSettings,
 )
-from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED, usual_errors
+from saddlering_ros.identification.uncertainty import (
+    assess,
+    at_bound,
+    MAX_SOUND,
+    UNDETERMINED,
+    usual_errors,
+)
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.quantities import percent, quantity, told_once
 from saddlering_ros.record.record import Record
@@ -52,20 +60,8 @@ along exact gradients are faster from there."""
 PROVISIONAL = 1e-3
 """Gain of chi square below which a descent ends that is followed by another one."""
 
-PASSES = 2
-"""Number of fits beside errors. A third one moved ln K2 of one of seven rings by 0.05, all else by
-0.02 at most."""
-
-MAX_FIRST_CHI_SQUARE = 2.0
-"""Reduced chi square of the first such fit from which it is the last one. Rings with small errors
-or waves have 0.93 to 1.6; of 14 rings with one large cause eight have more."""
-
 MIN_WAVE_SHARE = 0.5
 """Share of the variance of a parameter by waves from which it is also fitted beside errors."""
-
-MAX_USUAL_ERROR = 2.0
-"""Error of a given course, in usual ones, up to which errors explain a misfit. A load offset of
-1.5 kN has 2.5. A trunnion 60 mm too high has 1.2: ln D1 is 0.06 off, 2.6 stated deviations."""
 
 LOAD_CORRECTIONS = 2
 """Number of times that the load of dynamic runs is corrected and the fit repeated."""
@@ -170,6 +166,12 @@ class _Search:
         return self.settings.bounds_for(self.rig)
 
     @cached_property
+    def start(self) -> ContactParameters:
+        """The true-to-scale parameters, pulled into the bounds."""
+        low, high = np.array([self.bounds[name] for name in PARAMETER_NAMES]).T
+        return ContactParameters.from_array(np.clip(TRUE_TO_SCALE.to_array(), low, high))
+
+    @cached_property
     def prepared(self) -> list[PreparedRun]:
         if not self.runs:
             raise IdentificationError('no runs to identify from: give at least one bag')
@@ -241,8 +243,7 @@ def identify(
     identification returns its result so far, marked `cancelled`. An interrupt of the second fit
     raises `Interrupted` with the first law. Reading refuses two bags of one recording.
     """
-    search = _Search(
-        runs, rig, settings or IdentificationSettings(), on_progress, is_cancelled)
+    search = _Search(runs, rig, settings or IdentificationSettings(), on_progress, is_cancelled)
     found = _identified(search)
     has_waves = any(shares.get('raceway_waves', 0.0) > MIN_WAVE_SHARE
                     for shares in found.budget.values())
@@ -277,6 +278,15 @@ def identify_plain(
     return _identified(_Search(runs, rig, IdentificationSettings(), on_progress, is_cancelled))
 
 
+def law_beside_errors(
+    runs: Sequence[Record], rig: Rig, found: Identification, *,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> FittedLaw | None:
+    """The law of runs beside usual errors, from that of some of them without errors (found)."""
+    return _beside_errors(
+        _Search(runs, rig, IdentificationSettings(), on_progress, is_cancelled), found)
+
+
 @one_blas_thread()
 def _identified(search: _Search) -> Identification:
     """The law of a ring without errors."""
@@ -298,12 +308,6 @@ class _Outcome:
     bottom: tuple[WeightedObjective, objectives.Refinement] | None = None  # the last descent
 
 
-def _start(bounds: Bounds) -> ContactParameters:
-    """The true-to-scale parameters, pulled into the bounds."""
-    low, high = np.array([bounds[name] for name in PARAMETER_NAMES]).T
-    return ContactParameters.from_array(np.clip(TRUE_TO_SCALE.to_array(), low, high))
-
-
 def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     """The published method: static records give K and n, and then dynamic ones give D."""
     static = [one for one in observations if not one.dynamic]
@@ -316,7 +320,7 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
         'static step', objectives.PaperObjective(search.rig, averaged, channels),
-        search.space(STATIC_NAMES, _start(search.bounds), log=False))
+        search.space(STATIC_NAMES, search.start, log=False))
     if not dynamic or search.cancelled:
         return _Outcome(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
@@ -330,7 +334,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
     static = [one for one in observations if not one.dynamic]
     dynamic = [one for one in observations if one.dynamic]
     channels = search.settings.channels
-    contact, best = _start(search.bounds), np.inf
+    contact, best = search.start, np.inf
     if static:
         averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
         contact, best = search.run_swarm(
@@ -364,7 +368,7 @@ def _refined(
     rough = WeightedObjective(
         search.rig, [one.coarse(objectives.SEARCH_STEP) for one in observations], channels)
     coarse = replace(rough, observations=[one.coarse() for one in observations], evaluations=0)
-    space = search.space(searched, _start(search.bounds), log=True)
+    space = search.space(searched, search.start, log=True)
     outcome = _Outcome(contact, best, searched, observations)
     evaluations = 0
 
@@ -376,7 +380,7 @@ def _refined(
         return end
 
     try:
-        starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
+        starts = [space.coordinates(one.to_array()) for one in (contact, search.start)]
         bottoms = [descend(rough, start, USUAL_DAMPING, number)
                    for number, start in enumerate(starts, start=1)]
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
@@ -423,8 +427,10 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
             number, PASSES + 1, reached, tuple(contact.tolist()), 0.0))
         alone = WeightedObjective(search.rig, search.observations(law), search.settings.channels
                                   ).with_settled_plateaus(contact)
-        beside = beside_errors(alone, space, law, usual, seed + number, watch)
-        objective = beside.objective
+        usable = beside_errors(alone, space, law, usual, seed + number, watch)
+        if usable is None:
+            return None
+        beside, objective = usable, usable.objective
         best = refine(objective, space, space.coordinates(contact), search.is_cancelled)
         law, reached = best.law, best.chi_square
         search.evaluations += objective.evaluations
@@ -437,15 +443,9 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
         errors_beside(objective, best, beside.waves, usual, seed + PASSES, watch),
         search.bounds, MISFIT_ADVICE['default'])
     is_explained = (trust.reduced_chi_square <= MAX_SOUND**2 and not best.at_bound.any()
-                    and beside.largest(best.contact) <= MAX_USUAL_ERROR)
-    return FittedLaw(**vars(trust), contact=law, at_bound=_at_bound(space, best)) if (
+                    and beside.is_usual(best.contact))
+    return FittedLaw(**vars(trust), contact=law, at_bound=at_bound(space, best)) if (
         is_explained) else None
-
-
-def _at_bound(space: SearchSpace, best: objectives.Refinement) -> dict[str, bool]:
-    """Whether a parameter is at a bound, by name."""
-    return {name: name in space.names and bool(best.at_bound[space.names.index(name)])
-            for name in PARAMETER_NAMES}
 
 
 def _judged(search: _Search, outcome: _Outcome) -> Identification:
@@ -495,6 +495,6 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             undetermined=trust.reasons, rig_hash=search.rig.digest),
         method=search.settings.method, objective=outcome.objective,
         chi_square=best.chi_square, degrees_of_freedom=objective.size - len(space.free),
-        at_bound=_at_bound(space, best),
+        at_bound=at_bound(space, best),
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
         cancelled=cancelled, notes=tuple(search.notes))

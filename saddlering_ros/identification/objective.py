@@ -75,7 +75,7 @@ def changes_on(
     rig: Rig, contact: Array, observation: Observation, machines: Sequence[Machine],
     on_work: OnWork = idle,
 ) -> Array:
-    """Changes (M, 3, N) [m, m, rad] of the increments of a run on each of M machines.
+    """Changes (M, 4, N) [m, m, rad, m] of the increments of a run on each of M machines.
 
     rig: whose probes the readings are taken for.
     """
@@ -88,13 +88,13 @@ def changes_on(
                              max_step=_longest_step(observation))[0]
         present = probes[[number - 1 for number in rig.probes.present], 1:]
         seen = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
-        return _means(observation, seen.channels[:3])
+        return _means(observation, seen.channels)
 
     usual, changed = seen_on((rig, NO_EXTENSION)), []
     for first in range(0, len(machines), AT_ONCE):
         changed += in_parallel(seen_on, machines[first:first + AT_ONCE])
         on_work()
-    return np.stack(changed) - usual
+    return np.reshape(changed, (-1, *usual.shape)) - usual
 
 
 def scattered(white: Array) -> Array:
@@ -230,21 +230,21 @@ class WeightedObjective:
 
     def changes(
         self, contact: Array, machines: Sequence[Machine], on_work: OnWork = idle) -> list[Array]:
-        """Changes (M, 3, N) of the increments of each run on each of M machines."""
+        """Changes (M, 4, N) of the increments of each run on each of M machines."""
         return [changes_on(self.rig, contact, one, machines, on_work)
                 for one in self.observations]
 
     def beside(self, drawn: Sequence[Sequence[Array]], further: Array) -> 'WeightedObjective':
         """The same beside errors that all runs share, which are no parameters of the fit.
 
-        drawn: of each kind of error the changes (M, 3, N) of the increments of each run by M
+        drawn: of each kind of error the changes (M, 4, N) of the increments of each run by M
         draws, of any mean; further: whitened residuals (k, R) by one deviation of other ones.
         """
         means = [[moved.mean(axis=0) for moved in kind] for kind in drawn]
         about = [scattered(self.whiten(kind)) for kind in drawn]
         return replace(
             self, evaluations=0, common=SharedErrors.of(np.vstack([further, *about]).T),
-            observations=[replace(one, displacement=one.displacement - sum(of_run))
+            observations=[replace(one, displacement=one.displacement - sum(of_run)[:3])
                           for one, *of_run in zip(self.observations, *means, strict=True)])
 
     def likely(self, contact: Array) -> Array:

@@ -52,6 +52,7 @@ class Observation:
     load: Array  # (N,) [N]
     zero_load: float  # [N]
     displacement: Array  # (3, N) increments since zero [m, m, rad]
+    parity: Array  # (N,) [m]: increments since zero, NaN where missing
     branch: Array  # (N,) +1 loading, -1 unloading, 0 neither
     whitening: tuple[Whitener, ...]  # of each channel; 0 where a reading is missing
     correlation: Array  # (3, 3) of the whitened channels
@@ -163,7 +164,7 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     return _observation(
         one, noise, np.array([float(np.mean(measured.time[span])) for span in plateaus]),
         np.array([float(np.nanmean(measured.load[span])) for span in plateaus]),
-        np.stack([np.nanmean(one.displacement[:, span], axis=1) for span in plateaus], axis=1),
+        np.stack([np.nanmean(_channels(one)[:, span], axis=1) for span in plateaus], axis=1),
         np.asarray(one.branch), lasting, block_means(measured.time, step),
         block_means(measured.load, step), spans=spans)
 
@@ -176,22 +177,30 @@ def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None
     rows, time = one.rows[inside], one.time[inside]
     size, per_block = prepared.block_sizes(one.interval, rows.size, fit_rate)
     load = block_means(measured.load[rows], size)
-    means = block_means(np.take(one.displacement, rows, axis=1), size)
+    means = block_means(np.take(_channels(one), rows, axis=1), size)
     fine = load.size * per_block
     seen = _observation(
         one, noise, block_means(time, size), load, means, np.sign(np.gradient(load)),
         np.full(load.size, size * one.interval), block_means(time, size // per_block)[:fine],
         block_means(one.load[rows], size // per_block)[:fine])
-    return replace(seen, dynamic=True, displacement=filled(means), per_block=per_block,
+    return replace(seen, dynamic=True, displacement=filled(means[:3]), per_block=per_block,
                    doubtful_lag=one.run.doubtful_lag)
 
 
+def _channels(one: PreparedRun) -> Array:
+    """Displacement and parity (4, N), which is zero if a radial probe is absent; NaN: missing."""
+    parity = np.nan_to_num(np.asarray(one.measured.displacement.parity))
+    parity[~np.isfinite(one.displacement[0])] = np.nan
+    return np.vstack([one.displacement, parity])
+
+
 def _observation(
-    one: PreparedRun, noise: NoiseModel, time: Array, load: Array, displacement: Array,
+    one: PreparedRun, noise: NoiseModel, time: Array, load: Array, channels: Array,
     branch: Array, lasting: Array, fine_time: Array, fine_load: Array,
     spans: NDArray[np.intp] | None = None,
 ) -> Observation:
-    """An observation of readings that are means over `lasting` (N,) [s]; NaN where missing."""
+    """An observation of readings (4, N) that are means over `lasting` (N,) [s]; NaN: missing."""
+    displacement, parity = channels[:3], channels[3]
     zero = one.measured.zero
     # The zero is a mean over its window.
     window = one.interval * max(1, zero.end - zero.start)
@@ -199,8 +208,8 @@ def _observation(
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
         name=str(one.run.path), dynamic=False, elevation=float(one.run.elevation),
-        time=time, load=load, zero_load=zero.load, displacement=displacement, branch=branch,
-        whitening=tuple(
+        time=time, load=load, zero_load=zero.load, displacement=displacement, parity=parity,
+        branch=branch, whitening=tuple(
             build_whitener(channel, time, lasting, present=np.isfinite(row))
             for channel, row in zip(noise.channels, displacement, strict=True)),
         correlation=noise.correlation, zero_error=zero_error,

@@ -358,3 +358,9 @@ def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:
         ','.join(names[i] for i in subset): float(
             1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12))
         for subset in dict.fromkeys(subsets)}
+
+
+def at_bound(space: SearchSpace, best: Refinement) -> dict[str, bool]:
+    """Whether a parameter is at a bound, by name."""
+    return {name: name in space.names and bool(best.at_bound[space.names.index(name)])
+            for name in PARAMETER_NAMES}

@@ -66,9 +66,13 @@ def test_an_error_of_a_probe_moves_what_that_probe_reads(absent, runs):
     [run] = observe_prepared([prepare(runs[1], rig, 4.0)], 4.0)
     contact = TRUE_TO_SCALE.to_array()
     x, y, gamma = predict(rig, contact[None], run)[0]
-    radial = np.outer([1.0 if absent else 0.5, 0.0, 0.0], x + height * gamma)
-    moved = {1: radial, 2: np.outer([-height / span, 0.5, 1.0 / span], y + 0.5 * span * gamma),
-             3: radial, 4: np.outer([height / span, 0.5, -1.0 / span], y - 0.5 * span * gamma)}
+    x_share, parity = (1.0, 0.0) if absent else (0.5, 0.5)
+    moved = {
+        number: np.outer(shares, along) for number, shares, along in (
+            (1, [x_share, 0.0, 0.0, parity], x + height * gamma),
+            (2, [-height / span, 0.5, 1.0 / span, 0.0], y + 0.5 * span * gamma),
+            (3, [x_share, 0.0, 0.0, -parity], x + height * gamma),
+            (4, [height / span, 0.5, -1.0 / span, 0.0], y - 0.5 * span * gamma))}
     errors = certified_errors(rig)
     changes = changes_on(
         rig, contact, run, [with_error(rig, error) for error in errors.values()])

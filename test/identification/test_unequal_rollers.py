@@ -170,6 +170,14 @@ def test_no_law_beside_errors_is_stated_where_they_do_not_explain_the_misfit(cau
     assert 'no law within the bounds explains the misfit' in found.status
 
 
+def test_no_law_beside_errors_is_stated_with_a_parity_that_they_do_not_explain():
+    """The gain of one radial probe is half of one of delta_x, which K2 and n2 imitate."""
+    found = identify(runs_with({'cylinder_friction': {'force': 400.0},
+                                'probe_gain': {'probe': 1.0, 'gain': 0.1}}), RIG, SHORT)
+    assert found.sound_factor > MAX_SOUND
+    assert found.beside_errors is None
+
+
 def test_no_law_beside_errors_is_stated_with_a_parameter_at_its_bound():
     """K1 and K2 of a rig whose D2 lay beyond its bound were six stated deviations off."""
     settings = replace(SHORT, bounds={'D2': (1e5, 2e6)})  # below the true one
