@@ -45,7 +45,11 @@ def test_none_explains_a_factor_of_identify_that_is_more_than_a_sound_ring_leave
                         lambda *_, **__: replace(found.diagnosis, verdict='unknown'))
     doubted = ring_diagnosis.diagnose_ring([run], rig=RIG)
     assert doubted.verdict == 'unknown'
-    assert any('whether usual small errors' in one for one in doubted.notes)
+    assert ring_diagnosis.USUAL[True] in doubted.notes
+    assert max(doubted.diagnosis.probabilities.values()) == (
+        doubted.diagnosis.probabilities['none']) == ring_diagnosis.SOUND
+    assert doubted.diagnosis.headline.startswith('Perhaps nothing is wrong')
+    assert doubted.next_test.startswith('None is needed')
 
 
 def diagnosis(causes=(), std=0.001, more=(), place=0.5):
