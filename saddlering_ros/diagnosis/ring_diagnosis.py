@@ -129,7 +129,7 @@ def diagnose_ring(
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
     rigs, is_usual = prepared.rigs_of(records), None
-    if (diagnosis.verdict == 'unknown' and diagnosis.explained < discrepancy.PARTED
+    if (diagnosis.verdict == 'unknown' and not diagnosis.separations
             and len(rigs) == 1 and not isinstance(alone, str)):
         is_usual = _is_usual([*runs, *hold_out], rig, alone, watch)
     if is_usual is not None:
