@@ -22,7 +22,7 @@ from saddlering_ros.identification.methods import identify_plain, law_beside_err
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
-from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.progress import IsCancelled, LAST_SHARE, OnProgress, Watch
 from saddlering_ros.quantities import lowered, own_names, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
@@ -118,7 +118,6 @@ def diagnose_ring(
         diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = [*of_waves, *_notes(records, rig, diagnosis, law.refusal)]
-    watch.progress('notes', 1.0)
     # With a probe so coarse, a residual within noise may be rounding.
     is_coarse = any(one.is_coarse for run in figures
                     for one in run.record.test_run.quality.values())
@@ -132,6 +131,7 @@ def diagnose_ring(
     if (diagnosis.verdict == 'unknown' and not diagnosis.separations
             and len(rigs) == 1 and not isinstance(alone, str)):
         is_usual = _is_usual([*runs, *hold_out], rig, alone, watch)
+    watch.progress('notes', 1.0)
     if is_usual is not None:
         notes.append(USUAL[is_usual])
     if is_usual:
@@ -161,18 +161,19 @@ def _is_usual(
     """
     if not MAX_SOUND < alone.sound_factor < MAX_ASKED:
         return None
+    watch.progress('usual small errors', LAST_SHARE)
     try:
         return law_beside_errors(
             runs, rig, alone, is_cancelled=watch.is_cancelled,
-            on_progress=lambda step: watch.progress('usual small errors', 1.0)) is not None
+            on_progress=lambda _: watch.advance(LAST_SHARE)) is not None
     except IdentificationError:  # of a held-out run
         return None
 
 
 def _perhaps_sound(diagnosis: Diagnosis) -> Diagnosis:
-    """An open verdict if usual small errors explain all runs: neither law nor test is proposed."""
+    """An open verdict if usual small errors explain all runs: no law is proposed."""
     share = (1.0 - SOUND) / max(1.0 - diagnosis.probabilities.get('none', 0.0), 1e-12)
-    return replace(diagnosis, law=None, next_test=None, separations=(), probabilities={
+    return replace(diagnosis, law=None, probabilities={
         **{name: share * one for name, one in diagnosis.probabilities.items()}, 'none': SOUND})
 
 
