@@ -103,8 +103,11 @@ def problem_of(
     assumptions, usual = Assumptions(), Settings()
     if isinstance(system, ModelSystem):
         assumptions, usual = system.assumptions(), MODEL_SETTINGS
-    return Problem(system, blocks, settings or usual, assumptions, start, proposals,
-                   watch or Watch('diagnose'))
+    problem = Problem(system, blocks, settings or usual, assumptions, start, proposals,
+                      watch or Watch('diagnose'))
+    if isinstance(system, ModelSystem):
+        problem.refuse_acting_when_absent()
+    return problem
 
 
 def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:

@@ -199,6 +199,21 @@ def returning(result: object) -> Model:
     return replace(MODEL, simulate=lambda parameters, run: result)
 
 
+def second_amplitude(neutral: float | None) -> Model:
+    """A bend with a second amplitude that acts where the first one is 0, and a phase."""
+    def simulate(parameters, run):
+        second = parameters['bend.back'] * np.cos(9.0 * TIME) * np.cos(parameters['bend.phase'])
+        return {'seen': MODEL.simulate(parameters, run)['seen'] + second}
+
+    bend = replace(BEND, parameters={
+        **BEND.parameters, 'back': Parameter(0, 1, neutral=neutral), 'phase': Parameter.angle()})
+    return replace(MODEL, effects={'bend': bend}, simulate=simulate)
+
+
+def test_a_second_amplitude_is_absent_with_its_effect() -> None:
+    assert diagnose(second_amplitude(0.0), [record('a', size=0.0)]).verdict == 'none'
+
+
 @pytest.mark.parametrize(
     ('declare', 'words'),
     [
@@ -225,6 +240,8 @@ def returning(result: object) -> Model:
         (lambda: diagnose(MODEL, [record('a')], start={'gian': 1.0}), 'no base parameter'),
         (lambda: diagnose(MODEL, [record('a')], start={'gain': 5.0}), 'is outside'),
         (lambda: diagnose(MODEL, [record('a')], start={'gain': np.nan}), 'is outside'),
+        (lambda: diagnose(second_amplitude(None), [record('a')]), 'back moves .* neutral='),
+        (lambda: check(second_amplitude(None), [record('a')]), 'back moves .* neutral='),
         (lambda: diagnose(returning(None), [record('a')]), 'returned NoneType'),
         (lambda: diagnose(returning({'seen': 'text'}), [record('a')]), 'no array of numbers'),
     ],

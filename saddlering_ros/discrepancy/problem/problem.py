@@ -16,7 +16,7 @@ from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Point, RunBlocks
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import TELL_EVERY, Watch
-from saddlering_ros.quantities import lowered
+from saddlering_ros.quantities import lowered, percent
 
 ROUNDING = 1e-9
 """Share of its bounds by which a first guess may exceed them: files hold ten digits."""
@@ -27,6 +27,9 @@ Chosen for parity, which holds only noise and small errors in a sound ring."""
 
 MIN_VIEW_SHARE = 0.2
 """Smallest range of a view over its neighbours': a view at rest has no large misfit."""
+
+AWAY = (0.9, 0.1)
+"""Bound-scaled places away from a first guess below and above the middle."""
 
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
 LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]
@@ -157,6 +160,27 @@ class Problem:
         return np.array([
             one.to_unit(self.start[name]) if name in self.start else one.first_guess
             for name, one in parameters.items()])
+
+    def refuse_acting_when_absent(self) -> None:
+        """DiscrepancyError if a parameter that is not neutral anywhere acts at a neutral size.
+
+        Where an effect is absent, such a parameter has its start. As a second amplitude it would
+        put the effect into every fit: a sound machine had a cause of size 0.
+        """
+        point = Point(np.array([
+            one.from_unit(one.first_guess) for one in self.system.base_parameters]))
+        for effect in self.system.effects:
+            shapes = [one for one in effect.ordered[1:] if one.neutral is None]
+            moved = [replace(point, effects={effect.id: {
+                one.name: one.from_unit(AWAY[one.first_guess > 0.5])}}) for one in shapes]
+            answers = self.predict([point, *moved]) if moved else np.zeros((self.size, 1))
+            for one, change in zip(shapes, (answers[:, 1:] - answers[:, :1]).T, strict=True):
+                if (share := float(np.abs(change).max())) > self.settings.materiality:
+                    raise DiscrepancyError(
+                        f'effect {effect.id}: {one.name} moves the simulation by {percent(share)} '
+                        f'of range where the effect is absent, {effect.size.name} = '
+                        f'{effect.neutral:g}: give {one.name} the value at which it does nothing, '
+                        'Parameter(..., neutral=)')
 
     @cached_property
     def channel_ranges(self) -> Array:
