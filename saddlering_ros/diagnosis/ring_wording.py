@@ -440,8 +440,8 @@ def document_text(document: VerdictDocument) -> str:
     is_extended = bool(causes_of(document))
     if lines[-1]:
         lines.append('')
-    lines += ["Misfit by run and channel, rms in % of the channel's range, with a constant "
-              f'offset of each probe fitted ({base_words(document.get("raceways", ()))} / '
+    lines += ["Misfit by run and channel, rms in % of the channel's range, counted from the zero "
+              f'of the run ({base_words(document.get("raceways", ()))} / '
               + ('extended model / noise)' if is_extended else 'noise)')
               + (', small errors of the ring counted:' if document.get('remainder') else ':')]
     for run in document['runs']:

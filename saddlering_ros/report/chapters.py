@@ -120,14 +120,13 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     ])
 
 
-OFFSETS = 'A constant offset of each probe is fitted. '
-FROM_ZERO = 'Counted from the zero of the live nodes. '
+FROM_ZERO = 'Counted from the zero of the run. '
 RED = ('Red: more than twice what noise and small errors of a sound ring leave, and more than '
        '0.1 % of range. ')
 
 
-def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
-    """Runs and channels before and after against the noise; counted: from where misfits count."""
+def misfit(document: VerdictDocument) -> str:
+    """Runs and channels before and after against the noise."""
     runs, is_extended = document['runs'], bool(ring_wording.causes_of(document))
     rows: list[list[str | Cell]] = []
     for run in runs:
@@ -145,14 +144,14 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
         'Misfit by run and channel',
         html.picture(
             figures.misfit(document), 'misfit', 'Rms misfit of each channel '
-            f'in each run, beside noise alone and a sound ring. {counted}'),
+            f'in each run, beside noise alone and a sound ring. {FROM_ZERO}'),
         html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel',
              number(ring_wording.base_words(document.get('raceways', ()))),
              number('extended model'), number('noise floor')], rows,
-            f"Rms misfit over the channel's range in that run. {counted}Small errors of the ring "
-            'are a part of it, and no part of the rest that fits no cause. Parity is zero for a '
-            f'rigid ring: its range is noise, so that its shares are large. {RED}')),
+            f"Rms misfit over the channel's range in that run. {FROM_ZERO}Small errors of the "
+            'ring are a part of it, and no part of the rest that fits no cause. Parity is zero '
+            f'for a rigid ring: its range is noise, so that its shares are large. {RED}')),
     )
 
 

@@ -81,6 +81,20 @@ def test_each_run_has_four_channels_with_noise_floor(document):
             assert figures['noise_floor'] > 0.0
 
 
+def test_misfits_are_those_of_the_curves_and_count_from_the_zero(document, diagnosed):
+    """The text said that a constant offset of each probe was fitted, and none was."""
+    curves = np.genfromtxt(diagnosed.page.with_name('report_curves.csv'), delimiter=',',
+                           names=True, dtype=None, encoding='utf-8')
+    for run in document['runs']:
+        own = curves[curves['bag'] == Path(run['bag']).name]
+        for name, figures in run['channels'].items():
+            measured, before = own[f'{name}_measured'], own[f'{name}_simulated']
+            assert figures['nrmse_before'] == pytest.approx(
+                np.sqrt(np.mean((before - measured)**2)) / np.ptp(measured))
+    assert 'counted from the zero of the run' in diagnosed.printed
+    assert 'offset' not in diagnosed.printed
+
+
 def test_parameters_stand_before_and_after_with_deviations(document):
     assert set(document['parameters']['before']) == set(PARAMETER_NAMES)
     expected = set(PARAMETER_NAMES) | {f'{name}_std' for name in PARAMETER_NAMES}

@@ -698,7 +698,7 @@ def test_a_cause_without_a_rival_is_stable_and_its_evidence_is_told_by_run() -> 
 def test_no_run_holds_more_than_all_of_the_evidence() -> None:
     words = wording.influence_words(
         [('up', 1, 2, 30.0), ('up', 0.009997, 1.2504, 70.0), ('down', 0, 1, -15.0)], 's')
-    assert words == ('Evidence by run: up 100 % (most of it from 0.01 to 1.25 s); '
+    assert words == ('Evidence by run: up 100 % (the largest part from 0.01 to 1.25 s); '
                      'against the causes: down.')
     assert not wording.influence_words([('down', 0, 1, -15.0)], 's')
 

@@ -147,7 +147,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """Predictions for one run, (C, N) each, with offsets: without and with the causes."""
+    """Predictions for one run, (C, N) each: without and with the causes."""
 
     run: RunBlocks
     before: Array

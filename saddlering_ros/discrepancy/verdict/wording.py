@@ -266,7 +266,7 @@ def influence_words(influence: Sequence[tuple[str, float, float, float]], time_u
     for run in sorted(sums, key=lambda name: -sums[name])[:MAX_RUNS]:
         _, start, end = max(runs[run])
         if sums[run] > 0.0:
-            words.append(f'{run} {percent(sums[run] / whole)} (most of it from '
+            words.append(f'{run} {percent(sums[run] / whole)} (the largest part from '
                          f'{quantities.span(start, end, time_unit, 3)})')
     against = [run for run, share in sums.items() if share < -MIN_AGAINST * whole]
     more = f'; against the causes: {", ".join(against)}' if against else ''
