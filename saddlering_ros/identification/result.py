@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import uncertainty
 from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
@@ -89,8 +90,7 @@ class Identification(FittedLaw):
             'correlation': self.correlation.tolist(),
             'collinearity': self.collinearity,
             'systematic': {
-                key: dict(zip(PARAMETER_NAMES, shift, strict=True))
-                for key, shift in self.systematic.items()},
+                key: _changes(shift) for key, shift in self.systematic.items()},
             'budget': self.budget,
             'raceway_waves': self.waves.rms,
             'beside_errors': None if (beside := self.beside_errors) is None else {
@@ -200,10 +200,16 @@ def _imperfection_lines(identification: Identification) -> Iterator[str]:
     for name, shift in identification.systematic.items():
         words = [
             f'{parameter} {value:+.3f}' if parameter[0] == 'n'
-            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
-            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
+            else f'{parameter} {100.0 * value:+.1f} %'
+            for parameter, value in _changes(shift).items()
             if np.isfinite(value) and abs(value) >= 5e-4]
         yield f'    {uncertainty.IMPERFECTION_WORDS[name]}: {", ".join(words) or "no change"}'
+
+
+def _changes(shift: Array) -> dict[str, float]:
+    """Changes by name from a shift (6,) in coordinates: of n itself, of K and D as a share."""
+    return {name: float(value if name[0] == 'n' else np.expm1(np.clip(value, -9, 9)))
+            for name, value in zip(PARAMETER_NAMES, shift, strict=True)}
 
 
 def parameter_words(name: str, entry: Mapping[str, Any]) -> str:

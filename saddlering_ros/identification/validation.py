@@ -229,11 +229,8 @@ class Criterion:
                 f'{self.doubt}')
 
     def with_unit(self, value: float) -> str:
-        if self.unit == '%':
-            return quantities.percent(value, 3)
-        if self.unit == 'um':
-            return quantities.quantity(1e-6 * value, 'm')
-        return quantities.compact(value)
+        return quantities.percent(value, 3) if self.id == 'misfit' else quantities.quantity(
+            value, self.unit)
 
 
 def judge(
@@ -248,15 +245,14 @@ def judge(
     asked: tuple[tuple[str, str, str, Sequence[str], Callable[
         [ChannelFigures], tuple[float | None, float]]], ...] = (
         ('misfit', f'rms misfit at most {good:g} x noise and small errors of a sound ring, or '
-         f'{100.0 * quantities.MATERIAL:g} % of range', '%', MOTION,
+         f'{100.0 * quantities.MATERIAL:g} % of range', '1', MOTION,
          lambda seen: (seen.nrmse, quantities.allowed_misfit(seen.noise_floor, seen.sound))),
         ('comparison_error', f'comparison error E at most {error:g} x its uncertainty u_val (ASME '
-         'V&V 20)', '', MOTION, lambda seen: (seen.e_over_uval, error)),
-        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', MOTION,
+         'V&V 20)', '1', MOTION, lambda seen: (seen.e_over_uval, error)),
+        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '1', MOTION,
          lambda seen: (seen.iso18571, rating)),
-        ('parity', f'parity at most {good:g} x noise (rigid ring, sound probes)', 'um',
-         ('parity',), lambda seen: (
-             1e6 * seen.rmse, 1e6 * good * (seen.noise_floor or 0.0) * seen.range)))
+        ('parity', f'parity at most {good:g} x noise (rigid ring, sound probes)', 'm',
+         ('parity',), lambda seen: (seen.rmse, good * (seen.noise_floor or 0.0) * seen.range)))
     criteria = []
     for name, words, unit, channels, figures_of in asked:
         cases = []

@@ -56,6 +56,9 @@ def test_a_gain_of_all_probes_alike_is_listed_as_a_refit_has_it(runs):
     listed = plain.systematic['probe_gains']
     assert abs(listed[0]) > 0.003
     assert change == pytest.approx(listed, abs=1e-3)
+    told = plain.to_json()['systematic']['probe_gains']
+    assert told['K1'] == pytest.approx(np.expm1(listed[0]))
+    assert told['n1'] == listed[1]
 
 
 @pytest.mark.parametrize('absent', [0, 3])

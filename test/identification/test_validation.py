@@ -140,6 +140,16 @@ def test_a_simulation_that_is_right_meets_every_criterion(clean):
         'misfit': True, 'comparison_error': True, 'iso18571': True, 'parity': True}
 
 
+def test_values_of_criteria_are_in_si_units(clean):
+    """A misfit of 0.0064 had the unit '%', and a parity was in micrometres."""
+    found, channels = {one.id: one for one in judge(clean.runs)}, {
+        run.name.rsplit('/', 1)[-1]: run.channels for run in clean.runs}
+    for name, key, unit in (('misfit', 'nrmse', '1'), ('parity', 'rmse', 'm')):
+        one = found[name]
+        assert one.value == getattr(channels[one.bag][one.channel], key)
+        assert one.unit == unit
+
+
 def test_noise_is_not_rated_against_noise():
     """A ring under a load that stands still had a slope of -2.4, and failed a rating of 0.3."""
     still = record('dynamic', ramp(top=0.5, seconds=4.0), elevation=70.0, load_noise=50.0)
