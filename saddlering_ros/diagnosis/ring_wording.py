@@ -13,6 +13,7 @@ from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, REVERSED, title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
+from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, shown_sizes
 from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.quantities import lowered, percent, quantity, verdict_line, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS
@@ -364,6 +365,15 @@ def value_words(
         if parameter.name == name and parameter.amplitude and unit in ('', '1'):
             return quantities.signed_percent(value, std, is_signed=not parameter.one_sided)
     return quantity(value, '' if unit == '1' else unit, std)
+
+
+def effect_rows(effects: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
+    """Every 'effect.parameter' of a parameter file, and its value in a suitable unit."""
+    units = {(effect.id, item.name): item.unit
+             for effect in catalogue().values() for item in effect.parameters}
+    units |= {(RacewayWaves.id, row): 'm' for row in ROWS}
+    return [[f'{effect}.{name}', value_words(effect, name, value, units.get((effect, name), ''))]
+            for effect, name, value in shown_sizes(effects)]
 
 
 def choices_of(effect_id: str) -> frozenset[str]:

@@ -64,9 +64,9 @@ def rms_of(raceways: Raceways) -> dict[str, float]:
             for row, waves in zip(ROWS, raceways, strict=False)}
 
 
-def shown_sizes(effects: Mapping[str, Mapping[str, float]]) -> list[tuple[str, float]]:
-    """Every 'effect.parameter' with its value, for a reader: of waves the rms of each row."""
+def shown_sizes(effects: Mapping[str, Mapping[str, float]]) -> list[tuple[str, str, float]]:
+    """Effect, parameter and value of each, for a reader: of waves the rms of each row."""
     shown = {name: rms_of(_by_row(values)) if name == RacewayWaves.id else values
              for name, values in effects.items()}
-    return [(f'{name}.{size}', value)
+    return [(name, size, value)
             for name, values in shown.items() for size, value in values.items()]

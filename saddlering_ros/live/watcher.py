@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message
 
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
-from saddlering_ros.effects.raceway_waves import shown_sizes
+from saddlering_ros.diagnosis.ring_wording import effect_rows
 from saddlering_ros.errors import LiveError, SaddleringError
 from saddlering_ros.live import session
 from saddlering_ros.live.commands import Action, ACTIONS, Commands
@@ -367,7 +367,7 @@ class Watcher:
               for name in PARAMETER_NAMES),
             ['K1', quantity(stiffness_per_millimetre(contact.K1, contact.n1), 'N/mm^n')],
             ['K2', quantity(stiffness_per_millimetre(contact.K2, contact.n2), 'N/mm^n')],
-            *([name, f'{value:.4g}'] for name, value in shown_sizes(parameters.effects))]
+            *effect_rows(parameters.effects)]
         with self.lock:
             self._contact = contact
             self._parameters = {'source': str(message.source), 'rows': rows}

@@ -12,7 +12,6 @@ from saddlering_ros.diagnosis.rig_dimensions import entry_of
 from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.raceway_waves import shown_sizes
 from saddlering_ros.identification.result import beside_errors_words, INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
@@ -388,7 +387,7 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
             f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}')
         rows.append([
             code(name), quantity(first[name], PARAMETER_UNITS[name]) if is_extended else '',
-            quantity(last[name], PARAMETER_UNITS[name], std), interval(last[name], std),
+            quantity(last[name], PARAMETER_UNITS[name], std), interval(name, last[name], std),
             moved if is_extended else '',
             f'{abs(first[name] - last[name]) / std:.1f}' if std and is_extended else '–',
             f'{UNDETERMINED}: {reasons[name]}' if name in reasons else ''])
@@ -406,10 +405,14 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
     )
 
 
-def interval(value: float, std: float | None) -> str:
-    """The 95 % interval about a value; a dash without a standard deviation."""
-    half = quantities.WIDTH_95 * (std or 0.0)
-    return span(value - half, value + half) if std else '–'
+def interval(name: str, value: float, std: float | None) -> str:
+    """The 95 % interval about a parameter, of K and D by a factor as `identify` has it."""
+    if not std:
+        return '–'
+    half = quantities.WIDTH_95 * std
+    factor = math.exp(min(half / value, 50.0))
+    return span(value - half, value + half) if name[0] == 'n' else span(
+        value / factor, value * factor)
 
 
 def _per_millimetre(values: Mapping[str, float], undetermined: Collection[str]) -> list[Row]:
@@ -430,11 +433,12 @@ def of_file(parameters: ParameterSet) -> str:
     for (name, value), std in zip(values_of.items(), spread, strict=True):
         reason = source.undetermined.get(name)
         std = std if reason is None else None
-        rows.append([code(name), quantity(value, PARAMETER_UNITS[name], std), interval(value, std),
+        rows.append([code(name), quantity(value, PARAMETER_UNITS[name], std),
+                     interval(name, value, std),
                      '' if reason is None else f'{UNDETERMINED}: {reason}'])
     rows += _per_millimetre(values_of, source.undetermined)
-    rows += [[code(name), f'{compact(value, 5)} (SI)', '', '']
-             for name, value in shown_sizes(parameters.effects)]
+    rows += [[code(name), words, '', '']
+             for name, words in ring_wording.effect_rows(parameters.effects)]
     words = 'As given' if source.method == 'given' else f'By the method "{source.method}"'
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(

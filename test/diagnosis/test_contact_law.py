@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy import Estimate
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.uncertainty import UNDETERMINED
+from saddlering_ros.quantities import span
 from saddlering_ros.report.chapters import of_file
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, read_parameters, write_parameters
 
@@ -77,6 +78,19 @@ def test_a_stiffness_that_is_open_is_open_in_catalogue_units_too(found):
     assert all('best known' in line for line in told)
     page = of_file(found.parameters)
     assert re.findall(r'N/mm\^n</td><td[^>]*></td><td>([^<]*)<', page) == [UNDETERMINED] * 2
+
+
+def test_the_page_of_a_file_has_the_interval_of_identify_and_units_of_effects(found):
+    """D had the interval 4.93 to 8.54 where that of identify was 5.15 to 8.81; a force was
+    '4944.3 (SI)'."""
+    deviations = np.sqrt(np.diag(found.parameters.source.covariance))
+    damping, half = found.parameters.contact.D2, 1.96 * deviations[5]
+    effects = {'radial_friction': {'force': 4944.0, 'sharpness': 0.5}, 'load_gain': {'gain': 0.02}}
+    page = of_file(replace(found.parameters, effects=effects))
+    factor = np.exp(half / damping)
+    assert f'>{span(damping / factor, damping * factor)}<' in page
+    assert all(words in page for words in ('4.94 kN', '>0.500<', '+2.00 %'))
+    assert '(SI)' not in page
 
 
 def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):

@@ -53,6 +53,6 @@ def test_the_size_of_a_row_is_the_rms_of_its_gap():
 
 def test_a_reader_sees_the_rms_of_each_row_and_not_48_amplitudes():
     effects = {'load_gain': {'gain': 0.02}, **as_effect(WAVES)}
-    assert dict(shown_sizes(effects)) == {
-        'load_gain.gain': 0.02,
-        **{f'raceway_waves.{row}': size for row, size in rms_of(WAVES).items()}}
+    assert shown_sizes(effects) == [
+        ('load_gain', 'gain', 0.02),
+        *(('raceway_waves', row, size) for row, size in rms_of(WAVES).items())]
