@@ -322,7 +322,7 @@ def _beside_error(strict: Answer) -> Answer:
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != published.main.effect})
         if weak is None:
-            narrow = wrong_law.narrow_laws(noise_alone, published.plain)
+            narrow, bent = wrong_law.narrow_laws(noise_alone, published.plain)
             published = replace(published, causes=tuple(
                 replace(cause, another_law=narrow.get(cause.effect))
                 for cause in published.causes))
@@ -330,7 +330,7 @@ def _beside_error(strict: Answer) -> Answer:
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
                 noise_alone, strict.before, search, published,
-                doubts or [wording.REST_IS_ERROR], taken, is_established=not doubts)
+                doubts or [wording.REST_IS_ERROR, *bent], taken, is_established=not doubts)
             if not doubts and (answer.verdict == 'named' or len(causes) == 1):
                 return answer
             answers.setdefault(answer.verdict, answer)

@@ -715,7 +715,7 @@ def test_a_sentence_states_the_unit_of_time_of_the_model(unit, frequency) -> Non
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:
     """The true law acts as the spring with the other sign, which the catalogue does not allow."""
-    monkeypatch.setattr(wrong_law, 'narrow_laws', lambda *_: {})
+    monkeypatch.setattr(wrong_law, 'narrow_laws', lambda *_: ({}, []))
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
         wavy = drive**3 + 0.15 * np.sin(6.0 * drive)

@@ -39,10 +39,10 @@ MODEL = Model(
     channels={'speed': Channel()})
 
 
-@pytest.mark.parametrize(('dry', 'falling', 'verdict'), [
-    (0.2, 0.0, 'named'), (0.1, 0.25, 'unknown')])
+@pytest.mark.parametrize(('dry', 'falling', 'verdict', 'is_told'), [
+    (0.2, 0.0, 'named', False), (0.2, 0.12, 'named', True), (0.1, 0.25, 'unknown', False)])
 def test_a_law_of_the_right_kind_that_is_too_narrow_is_not_established(
-    dry: float, falling: float, verdict: str,
+    dry: float, falling: float, verdict: str, is_told: bool,
 ) -> None:
     answer = diagnose(MODEL, [record(number, dry, falling) for number in range(3)],
                       hold_out=[record(3, dry, falling)])
@@ -50,6 +50,8 @@ def test_a_law_of_the_right_kind_that_is_too_narrow_is_not_established(
     assert answer.causes[0].effect == 'coulomb'
     doubts = [words for words in answer.warnings if 'of another shape over speed' in words]
     assert bool(doubts) is (verdict == 'unknown')
+    told = [words for words in answer.warnings if 'a curve over speed predicts' in words]
+    assert bool(told) is is_told
     assert (answer.probabilities['coulomb'] < 0.2) is (verdict == 'unknown')
     words = 'Something acts over speed as Dry friction does, by a law of another shape'
     assert answer.headline.startswith(words) is (verdict == 'unknown')

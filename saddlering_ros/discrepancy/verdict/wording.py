@@ -340,6 +340,8 @@ NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and
               'times is required')
 NARROW_LAW = ('{}: a law of another shape over {} predicts {} of the misfit that this law leaves '
               'in other runs')
+BENT_LAW = ('{}: a curve over {} predicts {} of the misfit that this law leaves in other runs: '
+            'the law has another shape, or a further cause acts over the same coordinate')
 UNLIKE_CHANNELS = ('{}: with a size for each channel it predicts {} of the misfit that it leaves '
                    'in other runs: the law is another one')
 SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its change beyond '

@@ -42,6 +42,9 @@ over the law itself (rms), from which on the law is too narrow. In draws of docs
 stand-ins had 0.28 and 0.23 at least; true laws that bend as much predict 0.16 at most, and those
 beside a rest along the same coordinate bend by 0.19 at most, but for a gap with 0.25."""
 
+TOLD_FREED = 0.5
+"""The same share from which on a reader is told, however little a law bends: half of the rest."""
+
 MIN_UNLIKE, MIN_UNLIKE_BENT = 0.1, 1.0 / 3.0
 """Share of the rest of left-out runs, noise included, that a cause with a size for each channel
 predicts, and what it changes then over what it changed beyond the base (rms), from which on its
@@ -105,15 +108,16 @@ def shared_directions(search: Search) -> list[str]:
     return sentences
 
 
-def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, AnotherLaw]:
+def narrow_laws(space: ModelSpace, fit: Fit) -> tuple[dict[str, AnotherLaw], list[str]]:
     """For each cause, the freed law that predicts held-out runs, if there is one.
 
+    With a sentence for each cause whose rest goes along its coordinate and bends its law little.
     space: without learnt model error. The rest is counted in units of the model error that it
     shows, line by line, beside the parameters of the model.
     """
     problem, runs = space.problem, space.problem.runs
     if len(runs) < 2:
-        return {}
+        return {}, []
     every = [slice(None, None, -(-run.time.size // MAX_SAMPLES)) for run in runs]
     ranges = np.ptp(np.hstack([run.channels for run in runs]), axis=1)[:, None, None]
     stacked = problem.by_run(np.column_stack([
@@ -144,7 +148,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, AnotherLaw]:
     ends = np.cumsum([block.size for block in rest])
     folds = list(map(slice, (0, *ends[:-1]), ends))
     family = ShapeFamily('', 'curve', (), families.roughness(OTHER_PIECES), (0.0, 1.0))
-    narrow: dict[str, AnotherLaw] = {}
+    narrow, sentences = dict[str, AnotherLaw](), list[str]()
     for number, name in enumerate(fit.candidate.ids):
         repeated, along, splines, law, responses = families.forced(
             [change[:, :, number] for change in changes], states)
@@ -157,7 +161,10 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> dict[str, AnotherLaw]:
         share = freed.predicted / float(wanted @ wanted)
         if share > MIN_FREED and bent > MIN_BENT:
             narrow[name] = AnotherLaw(along=along, predicts=share)
-    return narrow
+        elif share > TOLD_FREED:
+            sentences.append(wording.BENT_LAW.format(
+                problem.titles[name], along, percent(share)))
+    return narrow, sentences
 
 
 def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> list[str]:
