@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem import system as systems
-from saddlering_ros.discrepancy.problem.problem import NoiseByRun, Problem
+from saddlering_ros.discrepancy.problem.problem import NoiseByRun, Problem, shares_of_range
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
 from saddlering_ros.estimation.record_noise import with_model_error
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
@@ -159,12 +159,9 @@ def model_error_columns(problem: Problem, prior: systems.ModelErrorPrior) -> Arr
     columns: list[Array] = []
     for group in sorted({run.group for run in problem.runs}):
         members = [run for run in problem.runs if run.group == group]
-        drives = {run.name: next(iter(run.inputs.values())) for run in members}
-        low = min(float(drive.min()) for drive in drives.values())
-        high = max(float(drive.max()) for drive in drives.values())
+        places = shares_of_range([next(iter(run.inputs.values())) for run in members])
         shapes = {}
-        for run in members:
-            place = (drives[run.name] - low) / max(high - low, 1e-300)
+        for run, place in zip(members, places, strict=True):
             still = np.zeros(run.time.size)
             rate = (still if run.rate is None else run.rate) / fastest
             direction = still if run.direction is None else run.direction

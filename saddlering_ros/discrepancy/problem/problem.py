@@ -341,3 +341,10 @@ class Problem:
             for run, residual in zip(runs, residuals, strict=True)
             for view, weights in self.system.views.items()]
         return float(np.mean(squares))
+
+
+def shares_of_range(values: Sequence[Array]) -> list[Array]:
+    """Where each value (N,) of each run lies in the range of all runs, 0 to 1."""
+    low = min(float(one.min()) for one in values)
+    span = max(float(one.max()) for one in values) - low
+    return [(one - low) / max(span, 1e-300) for one in values]

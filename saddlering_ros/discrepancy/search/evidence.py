@@ -14,7 +14,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.problem import Problem
+from saddlering_ros.discrepancy.problem.problem import Problem, shares_of_range
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
@@ -348,10 +348,8 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     """The change of an effect (C, N) per run, times each shape."""
     runs = problem.runs
     # The first coordinate (N,), or time if a run has none.
-    drives = [next(iter(run.inputs.values()), run.time - run.time[0]) for run in runs]
-    low = min(float(drive.min()) for drive in drives)
-    high = max(float(drive.max()) for drive in drives)
-    places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
+    places = shares_of_range(
+        [next(iter(run.inputs.values()), run.time - run.time[0]) for run in runs])
     highest = [np.maximum.accumulate(place) for place in places]
     factors: list[list[Array]] = [
         [np.cos(np.pi * wave * place) for place in seen]

@@ -20,7 +20,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, refit, run_refits, Tangent, tangent
 from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index, Metric
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem, shares_of_range
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.process import fisher_chance
@@ -273,9 +273,14 @@ def _is_constant(problem: Problem, residual: Array, shape: Array, view: str, num
         problem.mean_square(one, run, view) for one in (left, taken)))
 
 
+def _half_turns(values: Sequence[Array]) -> list[Array]:
+    """A state (N,) of each run, scaled to the interval from 0 to pi."""
+    return [np.pi * share for share in shares_of_range(values)]
+
+
 def half_waves(values: Array, count: int) -> Array:
     """Cosines (N, 1 + count) of 0 to `count` half waves along `values`, the first constant."""
-    share = (values - values[0]) / max(float(np.ptp(values)), 1e-300)
+    share, = shares_of_range([values])
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
 
 
@@ -293,10 +298,7 @@ def shape_families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[
     directions = [run.direction for run in runs if run.direction is not None]
     families: dict[str, Family] = {}
     for number, name in enumerate(names):
-        low = min(float(values[name].min()) for values in seen)
-        high = max(float(values[name].max()) for values in seen)
-        shares = [(values[name] - low)[:, None] / max(high - low, 1e-300) * np.pi
-                  for values in seen]
+        shares = [turn[:, None] for turn in _half_turns([values[name] for values in seen])]
         waves = np.arange(1, (first if number == 0 else others) + 1)
         families[name] = _family([np.cos(share * waves) for share in shares], places)
         if number == 0 and len(directions) == len(runs):
@@ -399,10 +401,10 @@ def _consistent_families(
     runs, slices, plain = problem.runs, problem.slices, tangent.plain
     channels = len(problem.system.channel_names)
     predicted = problem.by_run(fit.prediction)
-    seen = [_places([run[row] for run in predicted]) for row in range(channels)]
+    seen = [_half_turns([run[row] for run in predicted]) for row in range(channels)]
     shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
-    states = [*seen, *(_places([run.inputs[name] for run in runs]) for name in shared)]
-    times = [[np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in runs]]
+    states = [*seen, *(_half_turns([run.inputs[name] for run in runs]) for name in shared)]
+    times = [[_half_turns([run.time])[0] for run in runs]]
 
     def along(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> list[Block]:
         """Shapes (n, k) times cosines over each state, which has an array (N,) for each run."""
@@ -437,10 +439,3 @@ def _consistent_families(
         changes = problem.changes_of_effects(fit.point, fit.prediction)
         yield 'state, as the cause acts', along(changes, states, CAUSE_WAVES)
         yield 'time, as the cause acts', along(changes, times, CAUSE_TIMES)
-
-
-def _places(values: Sequence[Array]) -> list[Array]:
-    """A state (N,) of each run, scaled to the interval from 0 to pi."""
-    low = min(float(state.min()) for state in values)
-    high = max(float(state.max()) for state in values)
-    return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]
