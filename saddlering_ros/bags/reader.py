@@ -320,9 +320,8 @@ class BagInfo:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text, NaN as None, for JSON."""
-        plain: dict[str, Any] = finite_json(
-            {**asdict(self), 'path': str(self.path), 'usable': self.usable})
-        return plain
+        return dict(finite_json(
+            {**asdict(self), 'path': str(self.path), 'usable': self.usable}))
 
 
 def bag_info(

@@ -15,6 +15,7 @@ from saddlering_ros.bags import folder, wire
 from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
+from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.readings import ELEVATION_TOLERANCE_DEG
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import first_of
@@ -84,7 +85,9 @@ class Scan:
     @property
     def notes(self) -> tuple[str, ...]:
         """Faults of the bag as a whole that do not prevent its use."""
-        notes = [str(cut).rpartition(': ')[0] + f'; {self.readable_part}' for cut in self.cuts]
+        notes: list[str] = [
+            Finding(str(cut).rpartition(': ')[0] + f'; {self.readable_part}', is_cut=True)
+            for cut in self.cuts]
         said, names = self.directory.message_count, self.directory.unlisted
         if not self.cuts and said not in (None, self.message_count):
             notes.append(f'metadata.yaml counts {said} messages and the files hold '

@@ -15,10 +15,11 @@ from saddlering_ros.diagnosis.records import build_record, DiagnosisError, Prepa
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Settings
-from saddlering_ros.doubts.wiring import units_in_words, units_of_notes, wiring_first
+from saddlering_ros.doubts.wiring import units_of_notes, wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification.methods import identify_plain, law_beside_errors
+from saddlering_ros.identification.prepared import small_load
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
@@ -62,12 +63,9 @@ def diagnose_ring(
     """
     if not runs:
         raise DiagnosisError('no runs to diagnose: give at least one')
-    top, least = max(float(np.nanmax(run.load)) for run in runs), rig.limits.identification_min
-    if top <= least:
-        raise DiagnosisError(f'{runs[0].path}: no load exceeds {rig.force_words(least)}, a fifth '
-                             f'of full scale (highest {rig.force_words(top)}): add a run with '
-                             f"more load, or correct the rig file's full_scale_load"
-                             f'{units_in_words(runs[0].notes)}')
+    top = max(float(np.nanmax(run.load)) for run in runs)
+    if top <= rig.limits.identification_min:
+        raise DiagnosisError(str(small_load(runs[0], rig, top)))
     records = [*(build_record(rig, run, held_out=False) for run in runs),
                *(build_record(rig, run, held_out=True) for run in hold_out)]
     records = [replace(record, run=replace(record.run, name=name)) for record, name in zip(

@@ -121,11 +121,6 @@ def units_of_notes(notes: Sequence[str]) -> list[str]:
     return [note.units for note in notes if isinstance(note, Finding) and note.units]
 
 
-def units_in_words(notes: Sequence[str]) -> str:
-    """The end of an error of small readings: '; the readings look like kgf or daN ..', or ''."""
-    return ''.join(f'; the readings look like {unit}' for unit in units_of_notes(notes))
-
-
 def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
     """The longest stretch of equal readings, if much load passes meanwhile."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(gap) != 0.0) + 1, [len(gap)]])

@@ -97,13 +97,12 @@ class RunValidation:
 
     def to_json(self) -> dict[str, Any]:
         """The form of a run in `diagnose --json`, each channel with all its figures."""
-        document: dict[str, Any] = finite_json({
+        return dict(finite_json({
             'bag': self.name,
             'elevation_deg': float(np.degrees(self.elevation)),
             'test': self.test,
             'channels': {name: asdict(figures) for name, figures in self.channels.items()},
-            'notes': list(self.notes)})
-        return document
+            'notes': list(self.notes)}))
 
 
 def channel_figures(

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from saddlering_ros.doubts.wiring import units_in_words
+from saddlering_ros.doubts import Finding
+from saddlering_ros.doubts.wiring import units_of_notes
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation import noise, rest
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, filled
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun, zero_of_run
+from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import Plateaus, plateaus
 from saddlering_ros.record.record import Record, SPAN_MARGIN
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
@@ -232,9 +233,6 @@ def warnings_of(run: Record, rig: Rig) -> list[str]:
             warnings.append(
                 f'probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the record, '
                 'which is left out')
-    noted = any('near the preload' in note for note in run.notes)
-    if not noted and not zero_of_run(rig, run).reading.near_preload:
-        warnings.append('the record does not start near the preload; its zero is at a higher load')
     return warnings
 
 
@@ -246,20 +244,23 @@ def saturated(run: Record, rig: Rig) -> NDArray[np.bool_]:
         return np.asarray((run.gaps <= low) | (run.gaps >= high))
 
 
+def small_load(run: Record, rig: Rig, top: float) -> IdentificationError:
+    """The error of a run whose highest load [N] is a fifth of full scale at most."""
+    looks = ''.join(f'; the readings look like {unit}' for unit in units_of_notes(run.notes))
+    return IdentificationError(
+        f'{run.path}: no load exceeds {rig.force_words(rig.limits.identification_min)}, a fifth '
+        f'of full scale (highest {rig.force_words(top)}): load the ring further, or correct the '
+        f"rig file's full_scale_load{looks}")
+
+
 def check_run(run: Record, rig: Rig) -> Plateaus | None:
     """Plateaus of a static run, None of a dynamic one; IdentificationError for a small range."""
     name = run.path
     if not np.isfinite(run.elevation):
         raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
     top = float(np.nanmax(run.load)) if len(run.load) else 0.0
-    least = rig.limits.identification_min
-    if not top > least:
-        raise IdentificationError(
-            f'{name}: the load never exceeds {rig.force_words(least)} (highest '
-            f'{rig.force_words(top)}), a fifth of full scale '
-            f'({rig.force_words(rig.full_scale_load)}'
-            "): load the ring further, or correct the rig file's full_scale_load"
-            f'{units_in_words(run.notes)}')
+    if not top > rig.limits.identification_min:
+        raise small_load(run, rig, top)
     end = min(max(1, len(run.load) // 100), MAX_END)
     begins, ends = (float(np.nanmedian(run.load[part])) > 0.5 * top
                     for part in (slice(end), slice(-end, None)))
@@ -275,7 +276,8 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
                 f'{name}: a static run with one plateau only: '
                 'identification needs readings at several loads')
         if not np.any(np.asarray(readings.branch) < 0):
-            cut = ''.join(f' ({note})' for note in run.notes if 'is cut off' in note)
+            cut = ''.join(f' ({note})' for note in run.notes
+                          if isinstance(note, Finding) and note.is_cut)
             raise IdentificationError(
                 f'{name}: there is no unloading branch in this static run{cut}: '
                 'record the steps down to zero as well')

@@ -77,7 +77,7 @@ class Identification(FittedLaw):
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
-        document: dict[str, Any] = finite_json({
+        return dict(finite_json({
             **{name: getattr(self, name) for name in ('method', 'status', 'cancelled')},
             'bags': list(self.parameters.source.bags),
             **{name: getattr(self, name) for name in (
@@ -99,8 +99,7 @@ class Identification(FittedLaw):
                 'covariance': beside.covariance.tolist()},
             'joint': self.joint,
             'notes': list(self.notes),
-            'provenance': Provenance(self.parameters.source.origins).as_dict()})
-        return document
+            'provenance': Provenance(self.parameters.source.origins).as_dict()}))
 
 
 def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:

@@ -128,7 +128,7 @@ def test_a_run_of_too_little_range_is_said_in_one_line(tmp_path, capsys):
     assert main(['identify', write(tmp_path, static_run(50.0, top=4))]) == 2
     error = capsys.readouterr().err
     assert error.count('\n') == 1
-    assert 'never exceeds 5.0 t' in error
+    assert 'no load exceeds 5.0 t' in error
 
 
 @pytest.mark.parametrize(('options', 'words'), [

@@ -9,6 +9,7 @@ from identification_records import dynamic_run, observe, record, RIG, staircase,
 import numpy as np
 import pytest
 
+from saddlering_ros.doubts import Finding
 from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.identification import methods, uncertainty
 from saddlering_ros.identification import objective as objectives
@@ -316,14 +317,14 @@ def still():
 
 @pytest.mark.parametrize(('runs', 'settings', 'said'), [
     (list, {}, 'no runs'),
-    (lambda: [static_run(50.0, top=4)], {}, r'never exceeds 5\.0 t'),
+    (lambda: [static_run(50.0, top=4)], {}, r'no load exceeds 5\.0 t, a fifth'),
     (lambda: [still()], {}, 'too few|one plateau'),
     (lambda: [half_of(static_run(50.0))], {}, 'no unloading branch'),
     (lambda: [half_of(dynamic_run(50.0))], {}, 'no unloading branch'),
     (lambda: [half_of(static_run(50.0), second=True)], {}, 'no loading branch'),
     (lambda: [half_of(dynamic_run(50.0), second=True)], {}, 'no loading branch'),
-    (lambda: [replace(half_of(static_run(50.0)), notes=['a.mcap: the file is cut off'])], {},
-     r'unloading branch .*\(a.mcap: the file is cut off\): record'),
+    (lambda: [replace(half_of(static_run(50.0)), notes=[Finding('a: cut off', is_cut=True), 'b'])],
+     {}, r'unloading branch .*\(a: cut off\): record'),
     (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
     (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1'),

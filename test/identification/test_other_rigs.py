@@ -65,7 +65,7 @@ def test_loads_are_printed_in_the_unit_of_the_rig_file(runs):
     weak = replace(tests[0], load=0.1 * tests[0].load)
     share = 0.2 * rig.full_scale_load
     for unit, words in (('t', f'{share / TONNE:.1f}0? t'), ('kN', f'{share / 1e3:.1f} kN')):
-        with pytest.raises(IdentificationError, match=f'never exceeds {words}'):
+        with pytest.raises(IdentificationError, match=f'no load exceeds {words}'):
             identify([weak], replace(rig, force_unit=unit))
 
 
