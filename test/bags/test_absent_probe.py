@@ -47,8 +47,7 @@ def moved(recording):
     return recording, motion
 
 
-def test_without_a_declaration_the_bag_is_refused_and_the_line_names_the_entry(
-        tmp_path, moved):
+def test_without_a_declaration_the_bag_is_refused_and_the_line_names_the_entry(tmp_path, moved):
     bag = written(moved[0], tmp_path / 'bag', 3)
     with pytest.raises(BagError, match=r'state rig\.probes\.absent: 3 in the rig file') as refused:
         read_run(bag, rig=RIG)

@@ -265,8 +265,7 @@ PLACES = 25
 @pytest.mark.parametrize(('compression', 'chunked'), [
     *((compression, True) for compression in CompressionType), (CompressionType.NONE, False)])
 @pytest.mark.parametrize('kind', ['flip', 'zero', 'insert'])
-def test_damage_anywhere_is_refused_or_harmless(
-        tmp_path, brief, raw, compression, chunked, kind):
+def test_damage_anywhere_is_refused_or_harmless(tmp_path, brief, raw, compression, chunked, kind):
     """With checksums, whatever is wrong with the bytes: a line, or the data as they were."""
     whole = raw(tmp_path / 'whole.mcap', brief, compression=compression, chunked=chunked,
                 data_crcs=not chunked)

@@ -46,8 +46,7 @@ def judge(cut, sound) -> int:
 
 
 @pytest.mark.parametrize('chunked', [True, False])
-def test_cut_anywhere_it_gives_what_came_before_and_says_how_much(
-        tmp_path, short, raw, chunked):
+def test_cut_anywhere_it_gives_what_came_before_and_says_how_much(tmp_path, short, raw, chunked):
     whole = raw(tmp_path / 'whole.mcap', short, chunked=chunked, chunk_size=8192)
     sound, data = read_run(whole), whole.read_bytes()
     random = np.random.default_rng(4)

@@ -89,8 +89,7 @@ def test_refused_readings_cost_the_same_live_and_offline(long_recording, tmp_pat
     assert set(validity.tolist()) == {0, BRIDGED}
 
 
-def test_commands_print_what_is_not_known_and_write_it_as_such(
-        long_recording, tmp_path: Path, capsys) -> None:
+def test_commands_print_what_is_not_known_and_write_it_as_such(long_recording, tmp_path, capsys):
     bag = silent(long_recording, PROBE_TOPICS[1], 2.0).write(tmp_path / 'bag')
     assert main(['displacement', str(bag), '--out', str(tmp_path / 'out.csv'),
                  '--json', str(tmp_path / 'out.json')]) == 0

@@ -85,8 +85,7 @@ def test_storage_makes_no_difference(tmp_path, recording, raw, expected, options
     {'big': True}, {'version': 2}, {'big': True, 'version': 2}, {'frame': ''},
     {'frame': 'a_frame_id_of_another_length_altogether'},
 ], ids=str)
-def test_serialisation_makes_no_difference(
-        tmp_path, recording, raw, message, expected, options):
+def test_serialisation_makes_no_difference(tmp_path, recording, raw, message, expected, options):
     bag = raw(tmp_path / 'bare.mcap', recording, message=lambda *m: message(*m, **options))
     assert_same(read_run(bag), expected)
 
@@ -107,8 +106,7 @@ def test_messages_of_one_topic_may_differ_in_form(tmp_path, recording, raw, mess
     lambda topic, stamp, index: stamp + (3_000_000_000 if topic == PROBE else 0),
 ], ids=['later', 'none', 'count', 'jitter', 'one topic late'])
 @pytest.mark.parametrize('in_log_order', [False, True])
-def test_log_time_does_not_count(
-        tmp_path, recording, raw, expected, log_time, in_log_order):
+def test_log_time_does_not_count(tmp_path, recording, raw, expected, log_time, in_log_order):
     order = (lambda sample: (log_time(*sample), sample[1])) if in_log_order else None
     bag = raw(tmp_path / 'bare.mcap', recording, log_time=log_time, order=order)
     assert_same(read_run(bag), expected)

@@ -65,8 +65,7 @@ def test_the_tables_hold_verdicts_parameters_and_limits(works, tmp_path):
     ('greedy', 'memory', 'give a larger --memory-limit, and --retry'),
     ('killed', 'killed', 'status -9'),
 ])
-def test_a_session_beyond_its_limits_is_a_result_with_its_reason(
-        tmp_path, compute, kind, words):
+def test_a_session_beyond_its_limits_is_a_result_with_its_reason(tmp_path, compute, kind, words):
     write_bag(tmp_path / 'works', 'SR-1', 'static_50')
     store = Store(tmp_path / 'store')
     limits = {'seconds': 0.5} if compute == 'forever' else {'memory': 1 << 28}

@@ -90,9 +90,7 @@ def test_identify_json_on_stdout_is_json_alone(bags, capsys):
 
 
 @pytest.mark.usefixtures('no_pictures')
-def test_validate_prints_a_table_writes_json_and_pictures(
-    bags, parameter_file, tmp_path, capsys
-):
+def test_validate_prints_a_table_writes_json_and_pictures(bags, parameter_file, tmp_path, capsys):
     out = tmp_path / 'validation.json'
     command = ['validate', bags[2], '--params', str(parameter_file), '--json', str(out),
                '--plots', str(tmp_path / 'plots'), '--report', str(tmp_path / 'page.html')]

@@ -119,8 +119,7 @@ def test_a_folder_that_holds_an_input_is_not_replaced(bag: Path, tmp_path: Path)
 @pytest.mark.parametrize('line', [
     'report BAG --params p.yaml --out r.pdf', 'diagnose BAG --report r.docx',
     'validate BAG --params p.yaml --report r.png', 'identify BAG --report r.json'])
-def test_a_page_is_not_written_under_the_name_of_another_format(
-        line: str, bag: Path, tmp_path: Path, capsys) -> None:
+def test_a_page_is_not_written_under_the_name_of_another_format(line, bag, tmp_path, capsys):
     assert main([str(bag) if word == 'BAG' else word for word in line.split()]) == 2
     assert 'give a name that ends in .html' in capsys.readouterr().err
 
@@ -130,8 +129,7 @@ def test_an_output_beside_the_bag_is_written(bag: Path, tmp_path: Path) -> None:
     assert (tmp_path / 'own.json').exists()
 
 
-def test_an_effect_file_of_a_folder_that_is_read_is_no_output(
-        bag: Path, tmp_path: Path, capsys) -> None:
+def test_an_effect_file_of_a_folder_that_is_read_is_no_output(bag, tmp_path, capsys) -> None:
     effect = tmp_path / 'mine' / 'snap.yaml'
     effect.parent.mkdir()
     effect.write_text('precious')
@@ -144,8 +142,7 @@ def test_an_effect_file_of_a_folder_that_is_read_is_no_output(
 
 
 @pytest.mark.parametrize('option', ['--json', '--preview', '--out'])
-def test_a_calibration_table_of_a_map_is_no_output(
-        option: str, tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_calibration_table_of_a_map_is_no_output(option, tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     columns = ['t', 'load', *(f's{probe}' for probe in range(1, 5))]
     rows = [f'{0.01 * row:.2f},{row},1,1,1,1' for row in range(50)]
@@ -165,8 +162,7 @@ def test_a_calibration_table_of_a_map_is_no_output(
 
 
 @pytest.mark.parametrize('option', ['--params', '--rig'])
-def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
-        option: str, bag: Path, tmp_path: Path, capsys) -> None:
+def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(option, bag, tmp_path, capsys):
     os.mkfifo(tmp_path / 'pipe')
     write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
     given = {'--params': tmp_path / 'p.yaml', option: tmp_path / 'pipe'}

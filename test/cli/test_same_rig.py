@@ -78,8 +78,7 @@ def test_tests_of_two_rings_that_are_fitted_together_get_a_note() -> None:
     assert all(len(run.notes) == 1 and 'name the rings A and B' in run.notes[0] for run in runs)
 
 
-def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(tmp_path, capsys) -> None:
     data = Path(__file__).resolve().parents[2] / 'docs' / 'data'
     bag = tmp_path / 'bag'
     assert main(['import', str(data / 'dynamic_30.csv'), '--map',
@@ -137,8 +136,7 @@ def other_rig_file(folder: Path) -> Path:
 
 
 @pytest.mark.ros
-def test_no_node_takes_a_bag_or_parameters_of_another_rig_silently(
-        bag_of_other_rig: str, tmp_path: Path) -> None:
+def test_no_node_takes_a_bag_or_parameters_of_another_rig_silently(bag_of_other_rig, tmp_path):
     law = law_of_other_rig(tmp_path)
     replays = [(name, ['--ros-args', '-p', f'bag:={bag_of_other_rig}'])
                for name in ('replay_clock', 'hydraulic_load', 'eddy_current')]
@@ -159,15 +157,13 @@ def law_of_other_rig(folder: Path) -> Path:
     return law
 
 
-def test_a_bag_of_another_rig_is_computed_where_the_rig_is_trusted(
-        bag_of_other_rig: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_of_another_rig_is_computed_where_the_rig_is_trusted(bag_of_other_rig, capsys):
     assert main(['displacement', bag_of_other_rig, '--trust-rig']) == 0
     assert 'gamma' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('command', ['simulate', 'residual', 'watch', 'replay', 'plan'])
-def test_no_command_takes_parameters_of_another_rig_silently(
-        command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_command_takes_parameters_of_another_rig_silently(command, tmp_path, capsys) -> None:
     law = law_of_other_rig(tmp_path)
     bag = Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast'
     assert main([command, *([] if command == 'plan' else [str(bag)]), '--params', str(law)]) == 2

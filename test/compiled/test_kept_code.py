@@ -94,8 +94,7 @@ def test_code_is_loaded_again_after_a_new_installation(sources: Path, tmp_path: 
     assert called_by_a_process(installed_again, home)[:2] == (21.0, 1)
 
 
-def test_a_change_of_a_function_called_leaves_no_stale_code(sources: Path,
-                                                            tmp_path: Path) -> None:
+def test_a_change_of_a_function_called_leaves_no_stale_code(sources, tmp_path) -> None:
     called(sources, str(tmp_path))
     (sources / 'callee.py').write_text(CALLEE.format(factor=3.0))
     assert called(sources, str(tmp_path))[:2] == (31.0, 0)
@@ -111,8 +110,7 @@ def test_without_any_folder_to_write_to_functions_are_compiled_anew(sources: Pat
     assert called(sources, '/proc/none') == (21.0, 0, 'None')
 
 
-def test_the_folder_of_numba_comes_first_if_the_user_named_one(sources: Path,
-                                                               tmp_path: Path) -> None:
+def test_the_folder_of_numba_comes_first_if_the_user_named_one(sources, tmp_path) -> None:
     named = tmp_path / 'named'
     kept_in = called(sources, str(tmp_path), NUMBA_CACHE_DIR=str(named))[2]
     assert Path(kept_in).parent == named
@@ -140,8 +138,7 @@ def test_the_digest_is_of_what_files_hold_not_of_when_they_were_written(sources:
     lambda content: content[:99] + bytes([content[99] ^ 255]) + content[100:],
 ], ids=['empty', 'cut off', 'altered'])
 @pytest.mark.parametrize('suffix', ['.nbi', '.nbc'])
-def test_damaged_code_is_compiled_again_with_one_note(
-        sources: Path, tmp_path: Path, capsys, suffix: str, damage) -> None:
+def test_damaged_code_is_compiled_again_with_one_note(sources, tmp_path, capsys, suffix, damage):
     kept_in = Path(called(sources, str(tmp_path))[2])
     for file in kept_in.glob(f'*{suffix}'):
         file.write_bytes(damage(file.read_bytes()))

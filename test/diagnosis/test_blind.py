@@ -55,6 +55,5 @@ def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(('seed', 'effect'), [(7002, 'radial_clearance')])
-def test_a_draw_that_once_failed_gets_no_wrong_name(
-        tmp_path: Path, seed: int, effect: str) -> None:
+def test_a_draw_that_once_failed_gets_no_wrong_name(tmp_path, seed, effect) -> None:
     assert diagnosed(tmp_path, 'single', seed, effect, runs=THREE) != 'wrong'

@@ -197,8 +197,7 @@ def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
     assert best.values['elevation_error']['angle'] == pytest.approx(angle, rel=0.3)
 
 
-def test_bags_of_different_rigs_get_no_confident_name(
-        campaign, made_once, tmp_path, monkeypatch):
+def test_bags_of_different_rigs_get_no_confident_name(campaign, made_once, tmp_path, monkeypatch):
     (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
     monkeypatch.chdir(tmp_path)
     first, second, held_out = (

@@ -1,6 +1,5 @@
 """Claims on a declared model error: too small is reported, right is none, too large hides."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -95,9 +94,7 @@ def rms_left(model: Model, runs: list[Run]) -> float:
 
 
 @pytest.mark.parametrize('sound', [rippled, oval_rotor, wandering, cogging])
-def test_a_model_error_declared_too_small_is_reported_and_no_other_is(
-    sound: Callable[[], Sound],
-) -> None:
+def test_a_model_error_declared_too_small_is_reported_and_no_other_is(sound) -> None:
     model, runs = sound()
     right = rms_left(model, runs)
     for share in (1e-6, 0.6 * right):
@@ -128,9 +125,7 @@ def test_a_rest_over_all_bands_together_is_not_below_the_declared_model_error() 
 
 @pytest.mark.parametrize('share', [0.0, 0.002, 0.05])
 @pytest.mark.parametrize('std', [0.0005, 0.004, 0.02, None])
-def test_the_check_compares_the_misfit_with_the_declared_noise_alone(
-    std: float | None, share: float,
-) -> None:
+def test_the_check_compares_the_misfit_with_the_declared_noise_alone(std, share) -> None:
     """A misfit of 5 % of range is not about the noise, whatever model error is declared."""
     model, runs = wandering()
     noise = Noise.unknown() if std is None else Noise.white(std)

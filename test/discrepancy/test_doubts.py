@@ -84,8 +84,7 @@ def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
 @pytest.mark.parametrize(('before', 'after', 'gain'), [
     (4.0, 1.0, 0.5), (1.0, 1.0, 0.0), (1.0, 4.0, -1.0), (1.0, 400.0, -19.0), (0.0, 0.0, 0.0),
     (0.0, 1.0, -np.inf)])
-def test_a_misfit_that_grows_is_a_negative_reduction(
-        before: float, after: float, gain: float) -> None:
+def test_a_misfit_that_grows_is_a_negative_reduction(before, after, gain) -> None:
     assert ratio(before, after) == pytest.approx(gain)
 
 
@@ -142,8 +141,7 @@ def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
 
 
 @pytest.mark.parametrize('times', [2.0, 5.0, 30.0])
-def test_a_sound_machine_with_noise_declared_too_large_is_none_beside_one_warning(
-        times: float) -> None:
+def test_a_sound_machine_with_noise_declared_too_large_is_none_beside_one_warning(times) -> None:
     """"No conclusion is possible" stood beside `none` with a probability of 97 %."""
     found = seen_with(Noise.white(times * STD), std=STD)
     assert (found.verdict, found.probabilities['none'] > 0.9) == ('none', True)

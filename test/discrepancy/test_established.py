@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 import itertools
-from pathlib import Path
 import sys
 from types import SimpleNamespace
 from typing import Any
@@ -146,8 +145,7 @@ def test_a_published_size_at_its_bound_is_no_name_beside_model_error() -> None:
 
 
 @pytest.mark.parametrize('rests', [(), ('a rest',)])
-def test_no_warning_tells_of_a_remainder_where_the_declared_error_covers_it(
-        rests: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_warning_tells_of_a_remainder_where_the_declared_error_covers_it(rests, monkeypatch):
     seen: Any = SimpleNamespace(explained_by=lambda left: 1.0, fits=SimpleNamespace(after=None))
     for name, result in {'_seen_in': seen, '_residual_of': seen, '_left': [],
                          '_remainder_of': rests, '_verdict': 'named'}.items():
@@ -186,9 +184,7 @@ def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_
 
 
 @pytest.mark.parametrize('declared', [0.0, 0.05])
-def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_listed(
-    declared: float,
-) -> None:
+def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_listed(declared):
     def alike(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         speed = np.asarray(run.inputs['speed'])
         seen = parameters['root.size'] * np.sign(speed) * np.sqrt(np.abs(speed))
@@ -242,9 +238,7 @@ def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established
 
 
 @pytest.mark.parametrize(('error', 'verdict'), [(0.01, 'named'), (0.4, 'unknown')])
-def test_a_cause_that_takes_only_a_view_with_little_misfit_is_not_the_main_one(
-    error: float, verdict: str,
-) -> None:
+def test_a_cause_that_takes_only_a_view_with_little_misfit_is_not_the_main_one(error, verdict):
     """What another law leaves in `seen` is many times what friction takes in `other`."""
     def both(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
@@ -381,9 +375,7 @@ def named_beside_friction(
     return [] if answer.verdict == 'unknown' else [one.effect for one in answer.causes]
 
 
-def test_noise_is_not_counted_as_more_than_the_declared_model_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_noise_is_not_counted_as_more_than_the_declared_model_error(monkeypatch) -> None:
     monkeypatch.setattr(sys.modules[__name__], 'STD', 0.05)
     answer = found(0.0, 0.06, replace(MODEL, channels={'seen': Channel(model_error=0.02)}))
     assert answer.verdict == 'none'
@@ -398,9 +390,7 @@ def test_the_check_does_not_hide_a_slow_misfit_among_fast_samples() -> None:
     assert all(float(line.split(' times ')[0].rsplit(' ', 1)[1]) > 10.0 for line in lines)
 
 
-def test_the_time_that_the_check_states_counts_what_is_done_beside_a_simulation(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_time_that_the_check_states_counts_what_is_done_beside_a_simulation(monkeypatch):
     passed, whiten = [0.0], Metric.whiten
 
     def whiten_slowly(metric: Metric, columns: np.ndarray) -> np.ndarray:
@@ -437,8 +427,7 @@ def test_a_cause_that_needs_another_size_in_each_run_is_not_established() -> Non
 @pytest.mark.parametrize(('sizes', 'runs'), [
     ((0.3, 0.0, 0.0), 'run 0'), ((0.0, 0.3, 0.3), 'run 1 and run 2'), ((0.1, 0.2, 0.3), ''),
     ((0.3, 0.3, 0.3), ''), ((0.0, 0.0, 0.0), '')])
-def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
-        sizes: tuple[float, ...], runs: str) -> None:
+def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(sizes, runs) -> None:
     model = replace(MODEL, channels={'seen': Channel(noise=Noise.white(STD))})
     answer = diagnose(model, [record(number, size, 0.0) for number, size in enumerate(sizes)])
     told = [words for words in answer.warnings if ' only (size ' in words]
@@ -588,9 +577,7 @@ def test_a_size_at_a_bound_is_a_name_only_where_nature_sets_it_and_none_beyond_i
     assert any('is at the bound' in item for item in answer.warnings) == (verdict == 'unknown')
 
 
-def test_a_cause_whose_interval_includes_its_absence_has_no_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cause_whose_interval_includes_its_absence_has_no_name(monkeypatch) -> None:
     runs = [record(number, 0.3, 0.0) for number in range(2)]
     assert diagnose(MODEL, runs).verdict == 'named'
     monkeypatch.setattr(system, 'WIDTH_95', 1e6)
@@ -771,9 +758,7 @@ def of_ids(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
     (0.1, 0.05, 0.0, 'explained by Dry friction'),
     (0.03, 0.1, 0.0, 'Dry friction: a law of another shape')])
 @pytest.mark.usefixtures('no_pictures')
-def test_sentences_have_titles_where_machines_read_ids(
-    tmp_path: Path, friction: float, error: float, noise: float, words: str,
-) -> None:
+def test_sentences_have_titles_where_machines_read_ids(tmp_path, friction, error, noise, words):
     model = replace(MODEL, simulate=of_ids, effects={
         'id_1': MODEL.effects['friction'], 'id_2': MODEL.effects['cubic']})
     random = np.random.default_rng(3)
@@ -862,8 +847,7 @@ def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -
     assert any(detail.startswith('about ') and detail.endswith(' s left') for detail in details)
 
 
-def test_a_cause_whose_published_size_is_zero_needs_no_size_by_run(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cause_whose_published_size_is_zero_needs_no_size_by_run(monkeypatch) -> None:
     seen: list[tuple] = []
     real = established.unsteady_sizes
     monkeypatch.setattr(

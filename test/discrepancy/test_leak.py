@@ -38,9 +38,7 @@ MODEL = Model(
 
 
 @pytest.mark.parametrize(('far', 'verdict'), [(1.0, 'named'), (0.5, 'unknown')])
-def test_a_law_with_another_share_in_each_channel_is_not_established(
-    far: float, verdict: str, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_law_with_another_share_in_each_channel_is_not_established(far, verdict, monkeypatch):
     runs = [record(number, far) for number in range(4)]
     answer = diagnose(MODEL, runs[:3], hold_out=runs[3:])
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
@@ -57,9 +55,7 @@ def simulate_with_gauge(values: dict[str, float], run: Run) -> dict[str, np.ndar
 
 
 @pytest.mark.parametrize('wander', [0.02, 0.0])
-def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(
-    wander: float, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(wander, monkeypatch):
     model = replace(MODEL, simulate=simulate_with_gauge, effects={
         **MODEL.effects, 'gauge': Effect('Gauge', {'size': Parameter(-1.0, 1.0)})})
     runs = [record(number, 0.5, wander) for number in range(4)]
@@ -89,9 +85,7 @@ def test_a_cause_in_one_channel_that_its_main_cause_cannot_replace_is_no_patch()
 
 
 @pytest.mark.parametrize(('wander', 'verdict'), [(0.05, 'named'), (0.11, 'unknown')])
-def test_a_cause_leaves_no_run_much_more_than_the_others(
-    wander: float, verdict: str, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cause_leaves_no_run_much_more_than_the_others(wander, verdict, monkeypatch) -> None:
     runs = [record(0, 1.0), record(1, 1.0, wander), record(2, 1.0), record(3, 1.0)]
     answer = diagnose(MODEL, runs[:3], hold_out=runs[3:])
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')

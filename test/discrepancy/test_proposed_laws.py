@@ -76,8 +76,7 @@ def test_a_simple_law_is_found_by_its_coordinate_and_name(law: str) -> None:
 
 @pytest.mark.parametrize(('law', 'over', 'at_unit', 'unit'), [
     ('play', 'reach', 'N', 'm'), ('exponential memory', 'lag', 's', 'm/N')])
-def test_a_law_that_remembers_the_load_is_told_and_drawn_by_its_weight(
-        law: str, over: str, at_unit: str, unit: str) -> None:
+def test_a_law_that_remembers_the_load_is_told_and_drawn_by_its_weight(law, over, at_unit, unit):
     found = proposed(LAWS[law][0])
     assert found is not None
     size, reach = found.terms[0].parameters.values()

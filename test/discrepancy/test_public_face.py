@@ -133,8 +133,7 @@ def test_the_engine_imports_no_ring() -> None:
      'diagnose: start is a list: give a mapping from names to numbers'),
     (lambda: diagnose(lines(straight), [record()], settings={'max_causes': 1}),
      'diagnose: settings is a dict: give Settings(...)')])
-def test_a_declaration_of_another_kind_is_refused_in_one_line(
-        declare: Callable[[], object], words: str) -> None:
+def test_a_declaration_of_another_kind_is_refused_in_one_line(declare, words) -> None:
     with pytest.raises(discrepancy.DiscrepancyError) as refused:
         declare()
     assert str(refused.value).startswith(words)
@@ -364,8 +363,7 @@ def test_the_last_report_of_progress_is_the_whole() -> None:
 
 
 @pytest.mark.parametrize('error', [OSError, SystemExit])
-def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason(
-        error: type[BaseException]) -> None:
+def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason(error) -> None:
     def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         if run.name == 'run 1':
             raise error('no road file')

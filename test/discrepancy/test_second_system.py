@@ -119,9 +119,7 @@ def timed(hidden: str, size: float, *missing: str) -> Timed:
 @pytest.mark.parametrize(('asked', 'verdict'), [
     (('', 0.0), 'none'), (('friction', 2.0), 'named'), (('encoder_gain', 0.02), 'named'),
     (('friction', 4.0, 'friction'), 'unknown')])
-def test_a_diagnosis_takes_about_the_time_that_the_check_states(
-    asked: tuple[str, float], verdict: str,
-) -> None:
+def test_a_diagnosis_takes_about_the_time_that_the_check_states(asked, verdict) -> None:
     found = timed(*asked)
     words = {'named': 'about ', 'none': 'named, ', 'unknown': 'wrong, '}[verdict]
     stated = float(found.stated.split(words)[1].split(' s')[0])

@@ -52,8 +52,7 @@ class TwoSensors(System):
 
 
 @pytest.mark.parametrize('sensor', [0.0, 1.0])
-def test_a_place_that_another_base_makes_as_good_is_told_beside_the_named_one(
-        sensor: float) -> None:
+def test_a_place_that_another_base_makes_as_good_is_told_beside_the_named_one(sensor) -> None:
     system = TwoSensors()
     cause = only_cause(system, measured(
         system, 1e-3, {'gain': {'sensor': sensor, 'size': 0.05}}))
@@ -89,9 +88,7 @@ def test_an_effect_that_the_base_almost_imitates_is_tried_as_an_alternative() ->
     assert cause.effect == 'almost'
 
 
-def test_alternatives_are_those_of_the_model_that_the_last_round_leads_to(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_alternatives_are_those_of_the_model_that_the_last_round_leads_to(monkeypatch) -> None:
     """Those of a replaced member are no alternatives to the model without it."""
     monkeypatch.setattr(selection, 'MAX_CHECKS', 1)
     system = Shapes(square=LOAD**2, cube=LOAD**3)
@@ -124,8 +121,7 @@ def test_a_fit_goes_on_in_another_metric_and_from_its_starts_without_a_new_simul
 
 
 @pytest.mark.parametrize(('unlisted', 'effects'), [(0.0, 3), (0.3, 2)])
-def test_no_third_effect_is_looked_for_where_two_explain_little(
-        unlisted: float, effects: int) -> None:
+def test_no_third_effect_is_looked_for_where_two_explain_little(unlisted, effects) -> None:
     waves = {name: np.sin(turns * np.pi * TIME / TIME[-1])
              for name, turns in (('a', 5.0), ('b', 8.0), ('c', 11.0), ('unlisted', 14.0))}
     wave = unlisted * waves.pop('unlisted')
@@ -138,9 +134,7 @@ def test_no_third_effect_is_looked_for_where_two_explain_little(
     assert len(fit.candidate.effects) == effects
 
 
-def test_one_effect_takes_the_place_of_two_that_fit_no_better(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_one_effect_takes_the_place_of_two_that_fit_no_better(monkeypatch) -> None:
     search = selection.forward
 
     def misled(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -275,9 +269,7 @@ class Stopped(System):
 @pytest.mark.parametrize(('effect', 'parameter', 'value', 'error'), [
     ('stop', 'height', 0.02, 0.002), ('clip', 'limit', 0.96, 0.002)],
     ids=['a stop at a sixth of the smallest start', 'a limit that cuts a little'])
-def test_an_effect_much_smaller_than_usual_is_found(
-    effect: str, parameter: str, value: float, error: float,
-) -> None:
+def test_an_effect_much_smaller_than_usual_is_found(effect, parameter, value, error) -> None:
     cause = only_cause(Stopped(), measured(Stopped(), 1e-4, {effect: {parameter: value}}))
     assert cause.group == (effect,)
     assert cause.parameters[parameter].value == pytest.approx(value, abs=error)

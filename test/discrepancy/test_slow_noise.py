@@ -71,8 +71,7 @@ def test_the_relaxation_of_a_residual_has_its_time_and_level() -> None:
 
 
 @pytest.mark.parametrize('seed', [1, 2, 4])
-def test_a_misfit_as_random_as_slow_noise_is_unknown_with_a_note_and_open_chances(
-        seed: int) -> None:
+def test_a_misfit_as_random_as_slow_noise_is_unknown_with_a_note_and_open_chances(seed) -> None:
     answer = found(seed)
     assert answer.verdict == 'unknown'
     [note] = notes(answer)

@@ -97,9 +97,7 @@ def observed() -> SimpleNamespace:
 
 
 @pytest.mark.parametrize('main', ['friction', 'cubic'])
-def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(
-    main: str, observed: SimpleNamespace,
-) -> None:
+def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(main, observed):
     answer = (observed.answer if main == 'friction' else
               diagnosed({**SMALL, main: 0.3}, *SHAPES))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', [main])
@@ -115,9 +113,7 @@ def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
     assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
 
 
-def test_three_other_errors_that_are_large_leave_room_for_the_main_cause(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_three_other_errors_that_are_large_leave_room_for_the_main_cause(monkeypatch) -> None:
     """Friction and drift of ring 559 took the places in which the gain of a probe would be."""
     waves = {f'wave {number}': 0.004 * (-1) ** number for number in range(13)}
     for number, name in enumerate(waves):
@@ -176,9 +172,7 @@ def test_a_cause_must_show_in_every_view_that_it_moves(
     assert is_named or any('mount in turn alone' in words for words in answer.warnings)
 
 
-def test_small_errors_bend_a_size_by_more_than_its_likelihood_tells(
-    observed: SimpleNamespace, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_small_errors_bend_a_size_by_more_than_its_likelihood_tells(observed, monkeypatch):
     """A wave round a raceway made a moment arm 10 % smaller: 0.0472 +- 0.0012 m for 0.0530.
 
     Several causes are a sign of small errors, and their intervals reach to a plain fit, too.
@@ -196,9 +190,7 @@ def test_small_errors_bend_a_size_by_more_than_its_likelihood_tells(
     assert max(shares[0]) < published.SIZE_ERROR <= min(*shares[1], *shares[2])
 
 
-def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(monkeypatch) -> None:
     monkeypatch.setattr(system, 'WIDTH_95', 1e4)
     monkeypatch.setattr(established, 'MIN_REDUCTION', 1.0)
     answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
@@ -206,9 +198,7 @@ def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
     assert 'not established: friction: the 95 % interval' in answer.warnings[-1]
 
 
-def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(monkeypatch) -> None:
     """A worn arc of -0.24 to 1.76 was the second name of a ring with unequal rows."""
     sizes = {**SMALL, 'friction': 0.4, 'cubic': 0.25}
     both = diagnosed(sizes, *SHAPES)
@@ -220,9 +210,7 @@ def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
     assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])
 
 
-def test_a_second_cause_whose_shape_is_at_its_bound_hinders_no_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_second_cause_whose_shape_is_at_its_bound_hinders_no_name(monkeypatch) -> None:
     """Beside friction of 127 times the small errors, a worn arc at its bound refused its name."""
     monkeypatch.setattr(established, '_stopped_shapes', lambda space, fit: [
         (effect, effect.size, 1.0) for effect, _ in fit.candidate.effects if effect.id == 'cubic'])
@@ -353,9 +341,7 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
 
 
 @pytest.mark.parametrize(('at_neutral', 'group'), [(0.02, {'friction'}), (0.005, set())])
-def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(
-    at_neutral: float, group: set[str],
-) -> None:
+def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(at_neutral, group) -> None:
     """Friction in the radial row was named that of the axial rows, which a ring had as well."""
     best = small_errors.Model(of_wide_law([0.9, 0.9], 0.03), 50.0, 1e-4, {'wide': 0.03}, 1.0)
     among: Any = among_of(best, [model_of(10.0, friction=0.02), model_of(0.0)])
@@ -367,9 +353,7 @@ def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(
     assert {*among.group_of('wide')[0]} == group
 
 
-def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_takes_a_place_in_a_model_that_cancels_is_tried(monkeypatch) -> None:
     """An elevation error was named for the moment arm of ring 311, whose model was not tried."""
     models = {one.fit.candidate.ids: one for one in (
         model_of(0.0), model_of(10.0, tilt=0.02), model_of(1.0, elevation=0.02),
@@ -397,9 +381,7 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     assert [*among.best.visible] == ['tilt', 'arm']
 
 
-def test_a_fit_that_promises_more_is_finished_before_it_is_compared(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_fit_that_promises_more_is_finished_before_it_is_compared(monkeypatch) -> None:
     """The true model of ring 236 stopped short, and was less likely than the best by 156."""
     best, promising, poor = (model_of(evidence, **{name: 0.02}) for name, evidence in (
         ('radius', 0.0), ('arm', -156.0), ('gap', -156.0)))
@@ -485,8 +467,7 @@ def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
 
 
 @pytest.mark.parametrize(('offset', 'is_refused'), [(0.03, True), (0.025, False)])
-def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
-        offset: float, is_refused: bool) -> None:
+def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(offset, is_refused) -> None:
     """Friction, which a ring had, was named beside a load offset of 1.9 times its effect."""
     among = among_of(model_of(60.0, friction=0.02, offset=offset), [
         model_of(30.0, friction=0.02), model_of(20.0, offset=offset), model_of(0.0)])
@@ -497,8 +478,7 @@ def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
 
 @pytest.mark.parametrize(('error', 'share', 'is_refused'), [
     (0.016, 0.9, True), (0.012, 0.9, False), (0.016, 0.1, False)])
-def test_no_cause_is_main_beside_a_small_error_of_half_its_power(
-        error: float, share: float, is_refused: bool) -> None:
+def test_no_cause_is_main_beside_a_small_error_of_half_its_power(error, share, is_refused):
     """Friction, which a ring had, was named; a moment arm that an elevation error can replace had
     72 % of its power and was left to the small errors. A drift that took nothing hindered a play.
     """
@@ -550,9 +530,7 @@ def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch
     assert abs(cause.parameters['size'].value - 0.3) < 0.01
 
 
-def test_a_group_is_stated_where_every_second_cause_is_named_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_group_is_stated_where_every_second_cause_is_named_too(monkeypatch) -> None:
     """Where nothing was left out, the numbers were those from before the group was known."""
     monkeypatch.setitem(SHAPES, 'grip', lambda drive, speed: np.tanh(speed / 0.051))
     monkeypatch.setattr(established, 'main_among', lambda among, published: ('friction', []))
@@ -572,9 +550,7 @@ def test_one_error_that_is_much_larger_makes_no_cause_smaller() -> None:
 
 @pytest.mark.parametrize(('other', 'share', 'main'), [
     (45.0, 0.34, 'friction'), (20.0, 0.34, 'offset'), (20.0, 0.07, 'friction')])
-def test_no_cause_is_main_beside_one_that_moves_more_and_stands_out(
-    other: float, share: float, main: str,
-) -> None:
+def test_no_cause_is_main_beside_one_that_moves_more_and_stands_out(other, share, main) -> None:
     """An offset moved 2.7 times what friction did, and took a third; a lag took 7 % only."""
     among = among_of(model_of(50.0, offset=0.013, friction=0.005),
                      [model_of(other, friction=0.005), model_of(0.0, offset=0.013)])
@@ -612,9 +588,7 @@ def test_runs_held_out_in_turn_count_beside_held_out_ones(observed: SimpleNamesp
     assert np.ptp(shares.interval) < np.ptp(shares.held_out)
 
 
-def test_the_base_alone_is_published_as_for_any_other_verdict(
-    monkeypatch: pytest.MonkeyPatch, observed: SimpleNamespace,
-) -> None:
+def test_the_base_alone_is_published_as_for_any_other_verdict(monkeypatch, observed) -> None:
     """Small errors that could take the place of its parameters do not count there."""
     sizes = {**SMALL, 'friction': 0.3}
     among = observed.answer.base_alone['gain'].value
@@ -684,9 +658,7 @@ def test_an_interval_reaches_to_the_sizes_by_other_measures(observed: SimpleName
         assert abs(other - size.value) < WIDTH_95 * size.std
 
 
-def test_larger_errors_have_the_common_spread_times_their_factor(
-    observed: SimpleNamespace,
-) -> None:
+def test_larger_errors_have_the_common_spread_times_their_factor(observed) -> None:
     space, fit = observed.among[0]
     errors = small_errors.SmallErrors(space)
     columns, found = errors.larger_columns(space, fit, ()), errors.with_larger(space, fit, ())
@@ -696,9 +668,7 @@ def test_larger_errors_have_the_common_spread_times_their_factor(
         found.spread**2 * np.sum(found.factors**2 * powers))
 
 
-def test_without_held_out_runs_a_run_counts_in_no_size_that_predicts_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_held_out_runs_a_run_counts_in_no_size_that_predicts_it(monkeypatch) -> None:
     moves: dict[tuple[str, ...], list[np.ndarray]] = {}
     moves_of = published._moves_without_runs
     monkeypatch.setattr(published, '_moves_without_runs', lambda space, fit: moves.setdefault(

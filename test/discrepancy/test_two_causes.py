@@ -73,9 +73,7 @@ def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: f
     assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}
 
 
-def test_a_cause_with_which_runs_may_be_predicted_no_better_has_no_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cause_with_which_runs_may_be_predicted_no_better_has_no_name(monkeypatch) -> None:
     """A sound ring was named for friction and play, with -62 to 56 % on its held-out run."""
     monkeypatch.setattr(published._Powers, 'interval', lambda powers: (-0.62, 0.56))
     found = diagnosed(0.0, late=0.3)

@@ -189,8 +189,7 @@ def test_an_effect_survives_a_parameter_file(one: RingEffect, tmp_path: Path) ->
     ({'probe_gain': {'probe': 2.5}}, 'choose from 1, 2, 3, 4'),
     ({'probe_saturation': {'side': 0.0}}, 'choose from 1, -1'),
 ])
-def test_what_cannot_be_used_is_refused_in_one_line_that_helps(
-        given: dict[str, dict[str, float]], said: str) -> None:
+def test_what_cannot_be_used_is_refused_in_one_line_that_helps(given, said) -> None:
     with pytest.raises(EffectError) as refusal:
         extension_of(given)
     assert said in str(refusal.value)

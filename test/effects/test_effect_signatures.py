@@ -128,8 +128,7 @@ def test_a_neutral_effect_changes_nothing(all_changes: Floats, case: int) -> Non
 
 
 @pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
-def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(
-        all_changes: Floats, case: int) -> None:
+def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(all_changes, case) -> None:
     one, variant = CASES[case]
     for name, change in zip(CHANNELS, all_changes[1, case], strict=True):
         if name in (variant.channels or one.channels):
@@ -270,8 +269,7 @@ def test_a_joint_that_opens_at_its_lowest_moment_can_be_a_compliance_of_the_tilt
      RIG.trunnion.y * np.cos(PUSHED) + RIG.trunnion.x * np.sin(PUSHED)),
     ('ring_ovalisation', 'parity', np.cos(PUSHED)),
 ])
-def test_a_series_spring_adds_a_straight_line_without_a_loop(
-        effect_id: str, channel: str, drive: float) -> None:
+def test_a_series_spring_adds_a_straight_line_without_a_loop(effect_id, channel, drive) -> None:
     time, load = ramp()
     change = added({effect_id: {'compliance': 5e-11}}, (time, load), channel)
     assert change == pytest.approx(5e-11 * drive * (load - load[0]), rel=1e-3, abs=1e-10)

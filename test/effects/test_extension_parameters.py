@@ -53,8 +53,7 @@ def usual() -> np.ndarray:
 
 
 @pytest.mark.parametrize('item', extensions.shared_parameters(), ids=lambda item: item.name)
-def test_a_parameter_moves_the_contacts_if_it_is_declared_to(item: Any,
-                                                             usual: np.ndarray) -> None:
+def test_a_parameter_moves_the_contacts_if_it_is_declared_to(item, usual) -> None:
     other = motion(replace(BUSY, **{item.name: changed(getattr(BUSY, item.name))}))
     assert np.array_equal(other, usual) == (item.metadata['acts_on'] not in (MOTION, ROLLERS))
 

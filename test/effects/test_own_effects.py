@@ -96,8 +96,7 @@ def test_a_rate_is_that_of_a_rising_load_once_its_filter_has_settled() -> None:
     assert values[-1] == pytest.approx(0.2, rel=0.01)
 
 
-def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(
-        folder, campaign) -> None:
+def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(folder, campaign):
     from saddlering_ros.diagnosis.records import build_record
     from saddlering_ros.diagnosis.ring_system import RingSystem
 
@@ -127,8 +126,7 @@ def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(
         ('id: seat_snaps', 'id: load_gain', 'the id load_gain is taken'),
     ],
 )
-def test_a_file_that_is_no_effect_is_refused_in_one_line(
-        folder, old: str, new: str, words: str) -> None:
+def test_a_file_that_is_no_effect_is_refused_in_one_line(folder, old, new, words) -> None:
     with pytest.raises(EffectError, match=words) as refused:
         folder(text=STEP.replace(old, new))
     assert '\n' not in str(refused.value)
@@ -147,8 +145,7 @@ def test_every_command_with_a_parameter_file_takes_the_folder_of_effects(command
     assert args.effects == Path('own')
 
 
-def test_a_residual_uses_an_effect_of_the_folder(
-        tmp_path: Path, campaign, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_residual_uses_an_effect_of_the_folder(tmp_path, campaign, capsys, monkeypatch) -> None:
     monkeypatch.setenv(effects.FOLDER_VARIABLE, '')
     own = tmp_path / 'own'
     own.mkdir()

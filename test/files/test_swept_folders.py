@@ -6,8 +6,6 @@ import subprocess
 import sys
 import tempfile
 
-import pytest
-
 from saddlering_ros.ros.launcher import NodeGroup
 
 KILLED = """
@@ -25,9 +23,7 @@ def folders_during() -> list[Path]:
         return sorted(group.log_folder.parent.iterdir())
 
 
-def test_folders_of_the_killed_are_swept_and_those_of_the_living_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_folders_of_the_killed_are_swept_and_those_of_the_living_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     subprocess.run([sys.executable, '-c', KILLED], check=False,
                    env={**os.environ, 'TMPDIR': str(tmp_path)})

@@ -36,8 +36,7 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('rows', 'change', 'said'), [
     (50, 31, 'the delimiter changes in line 32 from semicolon to comma: correct the file'),
     (900, 501, 'rows without 3 columns are left out: 400, first line 502 with 1, of 900 rows')])
-def test_a_delimiter_that_changes_half_way_is_refused_with_its_line(
-        tmp_path: Path, rows: int, change: int, said: str) -> None:
+def test_a_delimiter_that_changes_half_way_is_refused_with_its_line(tmp_path, rows, change, said):
     text = lines(t=[f'{0.01 * i:.2f}' for i in range(rows)], F=['1'] * rows, w=['1'] * rows)
     text[change:] = [line.replace(';', ',') for line in text[change:]]
     numbered = {**LOAD, 'column': '#2'}, {**PROBE, 'column': '#3'}
@@ -131,8 +130,7 @@ def test_channels_of_two_files_with_rates_of_their_own_make_one_bag(tmp_path: Pa
     lambda text: text.replace('\n', ';\r\n').encode(),
     lambda text: ('# made by a logger\n# a;b;c;d\n' + text).encode(),
 ])
-def test_encodings_delimiters_and_line_ends_make_no_difference(
-        tmp_path: Path, change: Any) -> None:
+def test_encodings_delimiters_and_line_ends_make_no_difference(tmp_path, change) -> None:
     convert(tmp_path, plain_table(), document())
     expected = readings(tmp_path)
     (tmp_path / 'a.csv').write_bytes(change(plain_table()))
@@ -201,8 +199,7 @@ DAMAGED_MATLAB = _FILE.getvalue()[:400] + bytes(60) + _FILE.getvalue()[460:]
     (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
     (DAMAGED_MATLAB, 'is damaged'), (None, 'cannot be read'),
 ])
-def test_a_file_that_cannot_be_read_is_refused_in_one_line(
-        tmp_path: Path, content: bytes | None, words: str) -> None:
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, content, words) -> None:
     path = tmp_path / 'a.dat'
     if content is None:
         path.symlink_to(path)
@@ -215,8 +212,7 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(
     assert '\n' not in str(caught.value)
 
 
-def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
-        tmp_path: Path) -> None:
+def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(tmp_path) -> None:
     convert(tmp_path, plain_table(), document())
     with pytest.raises(ValueError, match='exists already'):
         convert(tmp_path, plain_table(), document())

@@ -29,8 +29,7 @@ FROM_FILE = document(time={'from': 'file'})
 COMMA = {'t': [f'{i},25' for i in range(ROWS)], 'w': [f'1,{200 + i}' for i in range(ROWS)]}
 
 
-def test_a_point_in_a_file_with_decimal_comma_is_refused_until_it_is_declared(
-        tmp_path: Path) -> None:
+def test_a_point_in_a_file_with_decimal_comma_is_refused_until_it_is_declared(tmp_path) -> None:
     loads = [f'4.{700 + i}' for i in range(ROWS)]
     said = refusal(tmp_path, document(), plain_table(**COMMA, F=loads))
     assert "'4.700' in column 'F'" in said
@@ -43,8 +42,7 @@ def test_a_point_in_a_file_with_decimal_comma_is_refused_until_it_is_declared(
 
 
 @pytest.mark.parametrize('cell', ['1,000.5', '1,000', "1'000.5", '1 000.5', '1.2.3'])
-def test_a_number_with_another_mark_is_refused_and_not_left_out(
-        tmp_path: Path, cell: str) -> None:
+def test_a_number_with_another_mark_is_refused_and_not_left_out(tmp_path, cell) -> None:
     loads = [cell if i == 7 else f'{i}.5' for i in range(ROWS)]
     assert repr(cell) in refusal(tmp_path, document(), plain_table(F=loads))
     times = [f'{i}.{100 + i}' for i in range(ROWS)]
@@ -53,8 +51,7 @@ def test_a_number_with_another_mark_is_refused_and_not_left_out(
 
 
 @pytest.mark.parametrize('first', [0.0, -0.25])
-def test_a_time_without_a_date_from_zero_or_before_it_loses_no_sample(
-        tmp_path: Path, first: float) -> None:
+def test_a_time_without_a_date_from_zero_or_before_it_loses_no_sample(tmp_path, first) -> None:
     times = [f'{first + 0.01 * i:.2f}' for i in range(ROWS)]
     convert(tmp_path, plain_table(t=times), document(time={'column': 't', 'unit': 's'}))
     assert stamps(tmp_path).min() > 0
@@ -65,8 +62,7 @@ def test_a_time_without_a_date_from_zero_or_before_it_loses_no_sample(
     *(('t', cell, f'{cell!r} is no number') for cell in ('1_0', '١٢', '１', '0x10')),
     ('F', 'ERR', "cells of column 'F' that are not numbers are left out: 1, first 'ERR'"),
     ('w', '1e45', 'too large for a message, left out: 1')])
-def test_one_cell_that_is_no_reading_is_left_out_and_said(
-        tmp_path: Path, column: str, cell: str, words: str) -> None:
+def test_one_cell_that_is_no_reading_is_left_out_and_said(tmp_path, column, cell, words) -> None:
     cells = [cell if i == 7 else f'{1 + i / 100:.2f}' for i in range(ROWS)]
     result = convert(tmp_path, plain_table(**{column: cells}), document())
     assert any(words in line for line in result.warnings)
@@ -120,8 +116,7 @@ def test_two_rates_side_by_side_in_one_table_are_two_clocks(tmp_path: Path) -> N
     assert [line for line in result.warnings if 'left out' in line] == []
 
 
-def test_the_draft_gives_each_channel_the_time_beside_it_and_the_pressure_of_the_rod(
-        tmp_path: Path) -> None:
+def test_the_draft_gives_each_channel_the_time_beside_it_and_the_pressure_of_the_rod(tmp_path):
     path = tmp_path / 'a.csv'
     head = 'Zeit [s];p Kolben [bar];p Stange [bar];Zeit [s];' + ';'.join(
         f'Weg{i} [mm]' for i in range(1, 5))
@@ -186,8 +181,7 @@ def test_a_dataset_without_a_place_for_values_is_no_column(tmp_path: Path) -> No
     assert [column.name for column in open_sources([tmp_path / 'a.h5'])[0].columns] == ['F']
 
 
-def test_a_matlab_file_that_unpacks_without_end_is_refused_in_bounded_memory(
-        tmp_path: Path) -> None:
+def test_a_matlab_file_that_unpacks_without_end_is_refused_in_bounded_memory(tmp_path) -> None:
     path = tmp_path / 'a.mat'
     savemat(path, {'small': np.arange(9.0)}, do_compression=True)
     element = packed_zeros(3 << 30)
@@ -212,8 +206,7 @@ def packed_zeros(size: int) -> bytes:
     ('piston_area: 0.0000123}', 'looks like kilonewtons'),
     ('scale: -0.2, ', 'polarity'),
 ])
-def test_an_import_says_what_info_and_the_rig_file_say(
-        tmp_path: Path, capsys, wrong: str, said: str) -> None:
+def test_an_import_says_what_info_and_the_rig_file_say(tmp_path, capsys, wrong, said) -> None:
     key = wrong.partition(':')[0]
     text = (DATA / 'map_static_30.yaml').read_text()
     right = next(piece for piece in ('scale: 0.2, ', 'piston_area: 0.0123}')
@@ -283,8 +276,7 @@ def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> Non
 
 
 @pytest.mark.parametrize('first', [46350.0, 740310.0], ids=['a spreadsheet', 'in matlab'])
-def test_days_of_another_epoch_are_refused_with_the_start_to_give(
-        tmp_path: Path, first: float) -> None:
+def test_days_of_another_epoch_are_refused_with_the_start_to_give(tmp_path, first) -> None:
     table = plain_table(t=[f'{first + i / 86400:.9f}' for i in range(ROWS)])
     said = refusal(tmp_path, document(time={'column': 't', 'unit': 'd'}), table)
     assert ('start: in time:' if first < 1e5 else 'no number that is a time in this unit') in said
@@ -389,8 +381,7 @@ def test_the_file_whose_time_has_no_date_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('rate', 'is_said'), [(100.05, False), (200.0, True)])
-def test_a_rate_that_the_file_states_otherwise_is_told(
-        tmp_path: Path, rate: float, is_said: bool) -> None:
+def test_a_rate_that_the_file_states_otherwise_is_told(tmp_path, rate, is_said) -> None:
     write_waveforms(tmp_path / 'a.tdms', 0.0)
     record = replace(make_record(ROWS), stamps=10_000_000 * np.arange(ROWS))
     write_mdf4(tmp_path / 'a.mf4', record)
@@ -426,8 +417,7 @@ def test_a_scale_that_is_no_number_is_refused(tmp_path: Path, scale: object) -> 
         convert(tmp_path, '', document(), files=['a.nc'])
 
 
-def test_a_column_that_is_there_and_is_not_read_is_refused_with_the_reason(
-        tmp_path: Path) -> None:
+def test_a_column_that_is_there_and_is_not_read_is_refused_with_the_reason(tmp_path) -> None:
     with h5py.File(tmp_path / 'a.h5', 'w') as file:
         file['run/F'], file['W'] = np.ones(ROWS, dtype=complex), np.ones((ROWS, 4))
     savemat(tmp_path / 'a.mat', {'F': np.ones(ROWS, dtype=complex), 'W': np.ones((ROWS, 4))})

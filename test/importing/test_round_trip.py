@@ -36,8 +36,7 @@ def test_a_bag_comes_back_from_every_format_to_the_last_bit(tmp_path: Path, name
     assert result.warnings == ()
 
 
-def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
-        tmp_path: Path) -> None:
+def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(tmp_path) -> None:
     file, write = tmp_path / 'a.csv', WRITERS['CSV'][1]
     text = map_text(write(file, make_record())).replace(
         'unit: N}', 'unit: N, uncertainty: {gain: 0.001, certificate: K-4711}}')

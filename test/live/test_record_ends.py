@@ -1,6 +1,5 @@
 """A recording that is ended as launch and systemd end it is whole, and its status is 0."""
 
-from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -32,8 +31,7 @@ sys.exit(main(['record', out]))
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_recording_with_status_0(
-        ros_domain: int, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_a_recording_with_status_0(ros_domain, tmp_path, number) -> None:
     """The first one comes where the command waits: the lock of an Event would be taken there."""
     log = tmp_path / 'log'
     with log.open('w') as stream, subprocess.Popen(

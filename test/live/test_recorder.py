@@ -100,8 +100,7 @@ def test_another_elevation_of_nodes_is_told_by_a_recording_and_by_its_bag(
     assert said in ' '.join(capsys.readouterr().out.split())
 
 
-def test_a_damaged_message_does_not_end_a_recording(
-        publisher: Publisher, ros_domain: int, tmp_path: Path) -> None:
+def test_a_damaged_message_does_not_end_a_recording(publisher, ros_domain, tmp_path) -> None:
     messages = [SOUND[0], SOUND[0][:8], *SOUND[1:]]
     with recorder.recording(tmp_path / 'bag', ros_domain) as node:
         for count, message in enumerate(messages, 1):
@@ -110,8 +109,7 @@ def test_a_damaged_message_does_not_end_a_recording(
     assert recorded(tmp_path / 'bag') == messages
 
 
-def test_a_fault_of_the_recorder_is_told(
-        ros_domain: int, tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_fault_of_the_recorder_is_told(ros_domain, tmp_path, monkeypatch) -> None:
     def fail(node: Any) -> None:
         raise RuntimeError('of the middleware')
 

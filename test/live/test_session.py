@@ -67,8 +67,7 @@ def test_a_displacement_may_come_before_the_load_of_its_test(ros_domain):
 
 @pytest.mark.ros
 @pytest.mark.parametrize('ask', [lambda watcher: watcher.bag(1), lambda watcher: watcher.state()])
-def test_messages_are_received_while_those_of_a_test_are_sorted_out(
-        ros_domain, monkeypatch, ask):
+def test_messages_are_received_while_those_of_a_test_are_sorted_out(ros_domain, monkeypatch, ask):
     """A bag of fifteen minutes takes seconds to make: a queue would overflow meanwhile."""
     with Watcher(ros_domain) as watcher:
         watcher.traces.push('load', STAMPS, np.ones((1, 100)))

@@ -37,8 +37,7 @@ def test_a_residual_that_follows_its_load_is_seen() -> None:
 @pytest.mark.parametrize(('given', 'lacks'), [
     ({'residual': 1.0}, NO_RESIDUAL), ({'load': 1.0}, NO_LOAD), ({'delay': 0.4}, LATE),
     ({'channels': UNKNOWN}, NO_CHANNEL)])
-def test_what_is_missing_is_named_within_a_quarter_of_a_second(
-        given: dict[str, float], lacks: str) -> None:
+def test_what_is_missing_is_named_within_a_quarter_of_a_second(given, lacks) -> None:
     assert watched(1.25, **given).lacks(1.25) == lacks
 
 

@@ -164,8 +164,7 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert found[-1] == result.parameters
 
 
-def test_a_goal_that_takes_longer_than_allowed_is_ended(
-        bag_root: Path, bag: Path, group: NodeGroup, heard: Client) -> None:
+def test_a_goal_that_takes_longer_than_allowed_is_ended(bag_root, bag, group, heard) -> None:
     group.start('ring_identification', {'bag_root': str(bag_root), 'longest_goal': 1.0})
     goals = Goals(heard, IdentifyRing, '/identify_ring')
     answer = goals.result(goals.send(bags=['run'], particles=1000, iterations=5000, seed=1))
@@ -231,8 +230,7 @@ def test_a_diagnosis_that_succeeds_gives_its_causes_typed_and_as_json(
                what='feedback of its progress')
 
 
-def test_a_goal_with_an_earlier_session_compares(
-        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+def test_a_goal_with_an_earlier_session_compares(bag, bag_root, group, heard) -> None:
     group.start('ring_diagnosis', {'bag_root': str(bag_root)})
     goals = Goals(heard, DiagnoseRing, '/diagnose_ring')
     for goal, words in [({'hold_out': ['run']}, 'takes neither hold_out nor parameters_file'),
@@ -261,8 +259,7 @@ def test_a_change_fills_the_result_of_the_action(monkeypatch: Any) -> None:
     assert result.detection_limits[0].limit == 0.01
 
 
-def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
-        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(bag, bag_root, group, heard):
     node = group.start('ring_diagnosis', {'bag_root': str(bag_root)})
     goals = Goals(heard, DiagnoseRing, '/diagnose_ring')
     handle = goals.send(bags=['run'])

@@ -8,14 +8,13 @@ import sys
 
 import numpy as np
 import pytest
-from rosnet import Client, ended, wait_until
+from rosnet import ended, wait_until
 from test_examples import start
 
 from saddlering_ros.doubts import FAULT, NOTE
 from saddlering_ros.doubts.driver import check_driver, HeardTopic
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.launcher import NodeGroup
 
 RIG = default_rig()
 FIRST_PROBE = PROBE_TOPICS[0]
@@ -85,17 +84,14 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
      'at or beyond an end'),
     (LOAD_TOPIC, lambda one: replace(one, values=-one.values), 'publish a pushing load'),
     (LOAD_TOPIC, lambda one: replace(one, values=one.values[::-1] / 1e3), 'kilonewtons')])
-def test_a_fault_is_found_in_one_line(
-        heard_topics: Heard, topic: str, change: Callable[[HeardTopic], HeardTopic], words: str,
-        ) -> None:
+def test_a_fault_is_found_in_one_line(heard_topics, topic, change, words) -> None:
     lines = findings({**heard_topics, topic: change(heard_topics[topic])})
     matching = [line for line in lines if words in line]
     assert len(matching) == 1, lines
     assert '\n' not in matching[0]
 
 
-def test_a_topic_that_nobody_publishes_and_one_of_another_type_are_told_apart(
-        heard_topics: Heard) -> None:
+def test_a_topic_that_nobody_publishes_and_one_of_another_type_are_told_apart(heard_topics):
     nothing = without(0, 5000)(replace(heard_topics[LOAD_TOPIC], publishers=0))
     assert 'it has no publisher' in findings({**heard_topics, LOAD_TOPIC: nothing})[0]
     other = replace(nothing, publishers=1, types=('std_msgs/msg/Float64',))
@@ -103,8 +99,7 @@ def test_a_topic_that_nobody_publishes_and_one_of_another_type_are_told_apart(
         {**heard_topics, LOAD_TOPIC: other})[0]
 
 
-def test_a_wrong_polarity_and_swapped_channels_are_found_once_the_load_has_moved(
-        heard_topics: Heard) -> None:
+def test_a_wrong_polarity_and_swapped_channels_are_found_once_the_load_has_moved(heard_topics):
     first, second, third = (heard_topics[name] for name in PROBE_TOPICS[:3])
     turned = replace(first, values=2e-3 - first.values)
     assert 'polarity' in findings({**heard_topics, FIRST_PROBE: turned})[0]
@@ -114,8 +109,7 @@ def test_a_wrong_polarity_and_swapped_channels_are_found_once_the_load_has_moved
 
 
 @pytest.mark.parametrize(('factor', 'unit'), [(4.4482216, 'lbf'), (10.0, 'kgf or daN')])
-def test_a_load_whose_preload_is_that_of_another_unit_is_noted(
-        heard_topics: Heard, factor: float, unit: str) -> None:
+def test_a_load_whose_preload_is_that_of_another_unit_is_noted(heard_topics, factor, unit):
     load = heard_topics[LOAD_TOPIC]
     noted = findings(
         {**heard_topics, LOAD_TOPIC: replace(load, values=load.values / factor)}, NOTE)
@@ -128,8 +122,7 @@ def test_what_cannot_be_checked_at_rest_is_noted(heard_topics: Heard) -> None:
     assert 'move it by 2.5 t' in findings(at_rest, NOTE)[0]
 
 
-def test_a_topic_that_comes_in_blocks_beside_others_is_of_the_same_clock(
-        heard_topics: Heard) -> None:
+def test_a_topic_that_comes_in_blocks_beside_others_is_of_the_same_clock(heard_topics) -> None:
     def in_blocks(one: HeardTopic, size: int) -> HeardTopic:
         last = np.minimum(np.arange(len(one)) // size * size + size, len(one)) - 1
         return replace(one, arrivals=one.arrivals[last])
@@ -143,8 +136,7 @@ def test_a_rate_other_than_the_one_wanted_is_a_fault(heard_topics: Heard) -> Non
 
 
 @pytest.mark.ros
-def test_the_example_driver_is_sound_and_makes_its_nodes_ready_to_test(
-        group: NodeGroup, heard: Client, ros_domain: int) -> None:
+def test_the_example_driver_is_sound_and_makes_its_nodes_ready_to_test(group, heard, ros_domain):
     def checked() -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, '-m', 'saddlering_ros.cli.main', 'check-driver', '--seconds', '1',

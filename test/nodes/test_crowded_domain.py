@@ -20,7 +20,6 @@ def test_programs_are_counted_by_their_ports_of_discovery() -> None:
 @pytest.mark.parametrize(('count', 'range_', 'is_crowded'), [
     (MAX_LOCAL, 'LOCALHOST', False), (MAX_LOCAL + 1, 'LOCALHOST', True),
     (MAX_LOCAL + 1, 'SUBNET', False)])
-def test_more_programs_than_find_each_other_are_reported(
-        monkeypatch: pytest.MonkeyPatch, count: int, range_: str, is_crowded: bool) -> None:
+def test_more_programs_than_find_each_other_are_reported(monkeypatch, count, range_, is_crowded):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', range_)
     assert bool(crowded_words(count, 3)) is is_crowded

@@ -34,8 +34,7 @@ def measured(record, dead: int | None = None, since: int = 0, until: int = 10**9
 @pytest.mark.parametrize(('probe', 'missing'), [
     (0, NO_DELTA_X | NO_PARITY), (1, NO_DELTA_Y | NO_GAMMA), (2, NO_DELTA_X | NO_PARITY),
     (3, NO_DELTA_Y | NO_GAMMA)])
-def test_a_probe_that_dies_leaves_the_channels_that_do_not_need_it(
-        record, probe: int, missing: int, pace: int) -> None:
+def test_a_probe_that_dies_leaves_the_channels_that_do_not_need_it(record, probe, missing, pace):
     _, whole = measured(record)
     stream, found = measured(record, dead=probe, since=900, pace=pace)
     assert len(found) > len(whole) - 5
@@ -114,8 +113,7 @@ def in_bursts(record, late: int, size: int, until: int = 2000, pace: float = 1.0
 
 
 @pytest.mark.parametrize('late', range(4))
-def test_a_probe_whose_burst_comes_later_than_those_of_the_others_is_not_silent(
-        record, late: int) -> None:
+def test_a_probe_whose_burst_comes_later_than_those_of_the_others_is_not_silent(record, late):
     stream, found = in_bursts(record, late, 250)
     assert len(found) == len(record.stamps) - 1
     assert set(found.validity.tolist()) == {0}

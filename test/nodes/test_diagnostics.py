@@ -210,8 +210,7 @@ def test_a_zero_is_refused_while_nothing_comes_of_which_it_could_be_taken(
 
 @pytest.mark.ros
 @pytest.mark.parametrize('name', ['ring_displacement', 'ring_simulator'])
-def test_a_zero_is_refused_before_anything_has_come(
-        name: str, group: NodeGroup, heard: Client) -> None:
+def test_a_zero_is_refused_before_anything_has_come(name, group, heard) -> None:
     group.start(name, {'elevation_deg': 50.0})
     wait_until(lambda: heard.diagnostics.get(f'{name}: state') == (OK, 'active'), 80.0, 'active')
     answer = heard.call(Trigger, f'/{name}/zero')
@@ -291,8 +290,7 @@ def test_a_topic_of_another_name_that_is_not_heard_is_told_with_that_name() -> N
     assert task.report(1.0).words == 'nothing received yet on /daq/load'
 
 
-def test_a_stream_that_falls_silent_beside_others_is_told_once_in_the_log_and_so_is_its_return(
-) -> None:
+def test_a_stream_that_falls_silent_beside_others_is_told_once_in_the_log_and_so_is_its_return():
     logged: list[str] = []
     node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(
         warning=logged.append, info=logged.append))
@@ -323,8 +321,7 @@ def test_a_stream_that_ends_before_others_and_begins_after_them_is_not_silent() 
 
 
 @pytest.mark.parametrize('running', [1, 2])
-def test_a_node_that_has_left_is_no_namesake_though_the_middleware_still_names_it(
-        running: int) -> None:
+def test_a_node_that_has_left_is_no_namesake_though_the_middleware_still_names_it(running):
     logged: list[str] = []
     node: Any = SimpleNamespace(
         get_name=lambda: 'a_node', get_namespace=lambda: '/rig',

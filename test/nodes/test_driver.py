@@ -37,8 +37,7 @@ def offline(record, rows=slice(None)) -> Displacements:
                  np.float64(np.float32(record.gaps[probe][rows]))) for probe in range(4)])
 
 
-def test_best_effort_driver_late_join_zero_and_stamp_jump(
-        record, group: NodeGroup, heard: Client) -> None:
+def test_best_effort_driver_late_join_zero_and_stamp_jump(record, group, heard) -> None:
     driver = Driver(heard, reliable=False)
     start(group, heard, driver)
 
@@ -82,8 +81,7 @@ def test_best_effort_driver_late_join_zero_and_stamp_jump(
     wait_until(lambda: heard.diagnostics.get('ring_displacement: zero', (9, ''))[0] == 0)
 
 
-def test_lost_and_reordered_messages_of_a_reliable_driver(
-        record, group: NodeGroup, heard: Client) -> None:
+def test_lost_and_reordered_messages_of_a_reliable_driver(record, group, heard) -> None:
     driver = Driver(heard)
     start(group, heard, driver)
     rng = np.random.default_rng(5)

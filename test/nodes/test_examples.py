@@ -40,8 +40,7 @@ def server(bag_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         yield nodes
 
 
-def test_the_client_of_the_identification_prints_progress_and_parameters(
-        bag: Path, server: NodeGroup) -> None:
+def test_the_client_of_the_identification_prints_progress_and_parameters(bag, server) -> None:
     with start(server, 'identify_client.py', bag.name) as client, ended(client):
         said, _ = client.communicate(timeout=120.0)
     assert 'best' in said
@@ -49,8 +48,7 @@ def test_the_client_of_the_identification_prints_progress_and_parameters(
     assert 'Traceback' not in said
 
 
-def test_the_client_ends_a_canceled_goal_with_its_reason(
-        bag: Path, server: NodeGroup) -> None:
+def test_the_client_ends_a_canceled_goal_with_its_reason(bag, server) -> None:
     with start(server, 'identify_client.py', bag.name) as client, ended(client):
         assert client.stdout is not None
         assert 'best' in client.stdout.readline()  # it runs
@@ -77,8 +75,7 @@ def test_the_client_ends_when_its_server_is_gone(group: NodeGroup, heard: Client
     assert said == 'the server is gone: start it again, and ask again\n'
 
 
-def test_the_listener_prints_the_residual_each_second(
-        record, group: NodeGroup, heard: Client) -> None:
+def test_the_listener_prints_the_residual_each_second(record, group, heard) -> None:
     for name in RING_NODES:
         group.start(name)
     driver = Driver(heard)
@@ -98,8 +95,7 @@ def test_the_listener_prints_the_residual_each_second(
     assert listener.returncode == 0
 
 
-def test_the_interlock_stops_on_an_alarm_and_on_silence_and_starts_by_reset_alone(
-        group: NodeGroup, heard: Client) -> None:
+def test_the_interlock_stops_on_an_alarm_and_on_silence_and_starts_by_reset_alone(group, heard):
     enabled: list[bool] = []
     limit = Beat(heard, 'ring/within_limits')
     with heard.lock:

@@ -50,8 +50,7 @@ def simulated(load: Samples) -> tuple[SimulationStream, Displacements]:
     ('impossible', None, 50 * 9806.65), ('impossible', None, 3e38),
     ('leaps_of_stamp', START + 10**18, 1e5), ('leaps_of_stamp', START - 10**17, 1e5),
     ('leaps_of_stamp', START + 250 * MS, 1e5), ('leaps_of_reading', None, 2.2e5)])
-def test_one_outlier_is_refused_and_every_other_sample_passes(
-        name: str, stamp: int | None, value: float, pace: int) -> None:
+def test_one_outlier_is_refused_and_every_other_sample_passes(name, stamp, value, pace) -> None:
     stamps, values = steady()
     sound = list(zip(stamps, values, strict=True))
     stamps.insert(50, stamps[49] + MS // 2 if stamp is None else stamp)
@@ -113,8 +112,7 @@ def test_one_bad_load_leaves_the_simulation_within_a_micrometre(record, changes)
 @pytest.mark.parametrize('pace', [1, 40, 3000])
 @pytest.mark.parametrize(('width', 'name'), [
     (2.2 * RIG.full_scale_load, 'impossible'), (0.5 * RIG.full_scale_load, 'doubtful_load')])
-def test_a_load_that_rolls_over_is_refused_or_doubtful_until_it_comes_back(
-        width: float, name: str, pace: int) -> None:
+def test_a_load_that_rolls_over_is_refused_or_doubtful_until_it_comes_back(width, name, pace):
     """A counter is `width` [N] too narrow for 600 rows."""
     stamps, load = ramp()
     rows, read = slice(1200, 1800), load.copy()
@@ -197,8 +195,7 @@ def test_an_impossible_gap_is_bridged_and_marked(record) -> None:
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('kind', [RingSimulatorNode, RingDisplacementNode])
 @pytest.mark.parametrize('period', [0.1, 0.7])
-def test_an_outlier_is_refused_however_slowly_its_stream_is_played(
-        kind, period: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_outlier_is_refused_however_slowly_its_stream_is_played(kind, period, monkeypatch):
     rclpy.init(args=[''])
     node, clock = kind(), [time.monotonic()]
     monkeypatch.setattr(time, 'monotonic', lambda: clock[0])

@@ -19,7 +19,7 @@ from saddlering_ros.live.recorder import recording
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import simulate
-from saddlering_ros.ros.launcher import NodeGroup, start_nodes
+from saddlering_ros.ros.launcher import start_nodes
 from saddlering_ros.ros.names import namespace_of, NodeError, PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
 
@@ -107,8 +107,7 @@ OWN, OTHERS = {
 
 @pytest.mark.ros
 @pytest.mark.parametrize('space', ['', '/rig1'])
-def test_a_bag_of_one_rig_holds_no_status_of_another(
-        space: str, ros_domain: int, tmp_path: Path) -> None:
+def test_a_bag_of_one_rig_holds_no_status_of_another(space, ros_domain, tmp_path) -> None:
     with recording(tmp_path / 'bag', ros_domain, namespace=space) as recorder:
         [flow] = [one for one in recorder.subscriptions if one.topic_name == '/diagnostics']
         for name in (*OWN[space], *OTHERS[space]):
@@ -121,8 +120,7 @@ def test_a_bag_of_one_rig_holds_no_status_of_another(
 
 
 @pytest.mark.ros
-def test_the_displaced_ring_is_a_transform_below_the_frame_of_its_rig(
-        group: NodeGroup, heard: Client, record) -> None:
+def test_the_displaced_ring_is_a_transform_below_the_frame_of_its_rig(group, heard, record):
     kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not published as a wheel')
     told: list = []
     with heard.lock:

@@ -17,7 +17,7 @@ from rosnet import Client, wait_until
 
 from saddlering_ros.files import share_directory
 from saddlering_ros.ros import launcher
-from saddlering_ros.ros.launcher import NodeGroup, NodeProcess, ros_arguments, start_nodes, sweep
+from saddlering_ros.ros.launcher import NodeProcess, ros_arguments, start_nodes, sweep
 from saddlering_ros.ros.names import ACTION, ALARM, names, RING
 
 pytestmark = pytest.mark.ros
@@ -83,8 +83,7 @@ def test_every_node_starts_as_a_program_and_ends_with_status_0_at_a_signal(
             dict.fromkeys(group.processes, 0)
 
 
-def test_nodes_leave_when_whoever_started_them_is_killed(
-        bag: Path, ros_domain: int, tmp_path: Path) -> None:
+def test_nodes_leave_when_whoever_started_them_is_killed(bag, ros_domain, tmp_path) -> None:
     code = ('import sys, time\n'
             'from pathlib import Path\n'
             'from saddlering_ros.ros.launcher import start_nodes\n'
@@ -102,8 +101,7 @@ def test_nodes_leave_when_whoever_started_them_is_killed(
     wait_until(lambda: not any(alive(pid) for pid in nodes), what='no node is left')
 
 
-def test_after_kill_9_of_all_nodes_the_next_start_replays_the_bag(
-        bag: Path, ros_domain: int, tmp_path: Path) -> None:
+def test_after_kill_9_of_all_nodes_the_next_start_replays_the_bag(bag, ros_domain, tmp_path):
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'a', exit_at_end=False,
                      nodes=('ring_displacement',)) as group:
         wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 80.0)
@@ -137,8 +135,7 @@ def state(heard: Client, node: str) -> str:
     return str(heard.call(GetState, f'/{node}/get_state').current_state.label)
 
 
-def test_a_node_can_be_led_through_its_lifecycle(
-        group: NodeGroup, heard: Client, bag: Path, bag_root: Path) -> None:
+def test_a_node_can_be_led_through_its_lifecycle(group, heard, bag, bag_root) -> None:
     group.start('ring_displacement', {'autostart': False})
     group.start('hydraulic_load', {'bag_root': str(bag_root)})
     assert state(heard, 'ring_displacement') == 'unconfigured'

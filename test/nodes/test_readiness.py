@@ -63,8 +63,7 @@ def test_nodes_of_another_namespace_do_not_count() -> None:
     (1.0 / 9806.65, 'looks like t: publish'), (1.0 / 9.80665, 'looks like kgf or daN: publish'),
     (-0.002, 'zero at -0.001 t is below the preload (0.50 t): the load was tared'),
     (-1.0, 'is a pull: publish a pushing load as positive')])
-def test_a_zero_below_the_preload_or_at_it_in_another_unit_is_a_warning(
-        factor: float, words: str) -> None:
+def test_a_zero_below_the_preload_or_at_it_in_another_unit_is_a_warning(factor, words) -> None:
     shipped = default_rig()
     zero = ZeroReading(shipped.preload * factor, (), 0, 10, True)
     status = zero_status(shipped, zero, 1, 2, zero.load)

@@ -143,8 +143,7 @@ def test_a_replaying_node_knows_the_bag_of_the_clock_before_it_heeds_its_time() 
     assert followed == [(1, 'other'), (2, 'other')]
 
 
-def test_load_and_probes_of_two_bags_are_not_mixed(
-        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+def test_load_and_probes_of_two_bags_are_not_mixed(bag, bag_root, group, heard) -> None:
     """Each node is set by itself, and both recordings may have the same stamps."""
     other = shutil.copytree(bag, bag_root / 'other', dirs_exist_ok=True)
     group.start('eddy_current', {'bag': str(other)})
@@ -176,8 +175,7 @@ def test_load_and_probes_of_two_bags_are_not_mixed(
     ('bag', True), ('link', True), ('bag/bag_0.mcap', True), ('/elsewhere/bag', True),
     ('/elsewhere/bag/bag_0.mcap', True), ('/elsewhere/two', False), ('two', False),
     ('two/bag', False)])
-def test_a_bag_is_known_by_its_place_or_by_its_name_on_another_machine(
-        other: str, is_same: bool, tmp_path: Path) -> None:
+def test_a_bag_is_known_by_its_place_or_by_its_name_on_another_machine(other, is_same, tmp_path):
     (tmp_path / 'two' / 'bag').mkdir(parents=True)
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag' / 'bag_0.mcap').touch()
@@ -207,8 +205,7 @@ def test_a_replay_waits_for_readers_that_its_nodes_have_not_heard_of_yet() -> No
         'source: /t is connected to 0 of 1 readers'], 'the page tells what it reads'
 
 
-def test_a_replay_waits_until_it_has_found_every_program_of_its_domain(
-        bag: Path, group: NodeGroup, ros_domain: int) -> None:
+def test_a_replay_waits_until_it_has_found_every_program_of_its_domain(bag, group, ros_domain):
     """A page that the clock has not found yet would miss the first messages."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
         program.bind(('127.0.0.1', 7400 + 250 * ros_domain + 10 + 2 * 100))

@@ -1,16 +1,14 @@
 """What /ring/parameters says: the simulator's own in force, what others offer, and who follows."""
 
 from dataclasses import replace
-from pathlib import Path
 
 from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
-from rosnet import Client, client, Driver, wait_until
+from rosnet import client, Driver, wait_until
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE, write_parameters
-from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import LATCHED_BY_SEVERAL
 
 pytestmark = pytest.mark.ros
@@ -19,8 +17,7 @@ SIMULATED = '/ring/simulated_displacement'
 JOINERS = 6
 
 
-def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
-        group: NodeGroup, heard: Client, ros_domain: int) -> None:
+def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(group, heard, ros_domain):
     group.start('ring_simulator')
     wait_until(lambda: 'ring_simulator' in heard.progress, 80.0, 'it runs')
     for _ in range(JOINERS):
@@ -32,8 +29,7 @@ def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
             assert 'true to scale' in said[0].source
 
 
-def test_a_parameter_file_is_taken_as_any_ros_parameters_are(
-        group: NodeGroup, heard: Client, tmp_path: Path) -> None:
+def test_a_parameter_file_is_taken_as_any_ros_parameters_are(group, heard, tmp_path) -> None:
     found = ParameterSet(
         replace(TRUE_TO_SCALE, K1=7.0e7),
         {'radial_friction': {'force': 4000.0, 'presliding': 2e-6, 'sharpness': 0.5,
@@ -49,8 +45,7 @@ def test_a_parameter_file_is_taken_as_any_ros_parameters_are(
     assert 'from a test' in in_force(said)[-1].source
 
 
-def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_has(
-        group: NodeGroup, heard: Client) -> None:
+def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_has(group, heard):
     with heard.lock:
         offer = heard.node.create_publisher(RingParameters, TOPIC, LATCHED_BY_SEVERAL)
 
@@ -83,8 +78,7 @@ def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_ha
     assert {one.k1 for one in in_force(said)} - {TRUE_TO_SCALE.K1} == {2e10, 4e10, 5e10, 6e10}
 
 
-def test_the_parameters_it_has_already_do_not_restart_a_simulation(
-        record, group: NodeGroup, heard: Client) -> None:
+def test_the_parameters_it_has_already_do_not_restart_a_simulation(record, group, heard) -> None:
     with heard.lock:
         offer = heard.node.create_publisher(RingParameters, TOPIC, LATCHED_BY_SEVERAL)
     said, driver = heard.listen(RingParameters, TOPIC), Driver(heard)

@@ -121,8 +121,7 @@ def test_two_sources_of_one_topic_are_reported(publishers: int, level: int) -> N
     assert finding.level == level
 
 
-def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(monkeypatch) -> None:
     for given, used in (({}, 'LOCALHOST'), ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'SUBNET'),
                         ({'ROS_LOCALHOST_ONLY': '1'}, None)):
         monkeypatch.setattr(os, 'environ', dict(given))

@@ -123,8 +123,7 @@ class Told(BaseException):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_the_middle_of_a_nodes_start_leaves_no_process(
-        number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_in_the_middle_of_a_nodes_start_leaves_no_process(number, tmp_path, monkeypatch):
     started: list[subprocess.Popen[bytes]] = []
 
     def started_and_told(*_: object, **__: object) -> subprocess.Popen[bytes]:

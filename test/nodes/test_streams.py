@@ -99,8 +99,7 @@ def test_probes_out_of_order_change_nothing_if_they_are_there_before_the_load(re
 
 @pytest.mark.parametrize('lead', [-1, 0, 1])
 @pytest.mark.parametrize('pace', [1, 7, 50])
-def test_loads_that_overtake_are_measured_whichever_topic_arrives_first(
-        record, pace: int, lead: int) -> None:
+def test_loads_that_overtake_are_measured_whichever_topic_arrives_first(record, pace, lead):
     """The load comes `lead` portions before the probes; pairs of its samples change places."""
     order = np.arange(len(record.stamps)).reshape(-1, 2)[:, ::-1].ravel()
     stream, found = DisplacementStream(RIG), []
@@ -292,8 +291,7 @@ def thinned(record, step: int):
 
 @pytest.mark.parametrize('shift', [3600.0, 16.0, -100.0])
 @pytest.mark.parametrize(('first', 'second'), [(1, 20), (20, 1), (1, 1)])
-def test_a_test_behind_a_stamp_jump_is_as_it_is_alone_at_any_rate(
-        record, first: int, second: int, shift: float) -> None:
+def test_a_test_behind_a_stamp_jump_is_as_it_is_alone_at_any_rate(record, first, second, shift):
     before, after = thinned(record, first), thinned(record, second).later(shift)
     _, alone = measure(after)
     stream, _ = measure(before)

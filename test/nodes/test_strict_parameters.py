@@ -72,8 +72,7 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
 ROS_ARGS = '--ros-args'
 
 
-def test_a_node_says_which_rig_it_has_and_which_parameter_file_is_of_another_node(
-        tmp_path: Path) -> None:
+def test_a_node_says_which_rig_it_has_and_which_parameter_file_is_of_another_node(tmp_path):
     file, ended = tmp_path / 'mine.yaml', []
     node: Any = SimpleNamespace(get_fully_qualified_name=lambda: '/ring_simulator')
     for name in ('ring_simulater', '/**/ring_simulator', 'rig1/ring_simulator', '/*'):
@@ -116,8 +115,7 @@ def test_a_command_line_that_is_not_understood_is_refused_with_what_to_type(
 
 
 @pytest.mark.parametrize('domain', ['300', '-1', 'abc', '1.5'])
-def test_a_node_refuses_a_domain_that_ros_does_not_have(
-        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], domain: str) -> None:
+def test_a_node_refuses_a_domain_that_ros_does_not_have(monkeypatch, capsys, domain) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', domain)
     assert run_streaming(RingResidualNode, []) == 2
     assert f"ROS_DOMAIN_ID is '{domain}': give a ROS domain from 0" in capsys.readouterr().err
@@ -197,8 +195,7 @@ CERTIFICATE = """<digitalCalibrationCertificate><quantity id="sensitivity"><real
 """
 
 
-def test_a_node_finds_certificates_beside_its_rig_file_as_a_command_does(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_finds_certificates_beside_its_rig_file_as_a_command_does(tmp_path, monkeypatch):
     tmp_path.joinpath('cell.xml').write_text(CERTIFICATE)
     certified = {'certificate': 'cell.xml', 'quantity': 'sensitivity'}
     document = yaml.safe_load((share_directory() / 'config' / 'rig.yaml').read_text())
@@ -245,8 +242,7 @@ CHANGEABLE = (
 @pytest.mark.parametrize(('name', 'given', 'kept'), [
     ('window', 50, 50.0), ('window', '1e-6', 1e-6), ('window', '5E1', 50.0),
     ('elevation_deg', 'nan', float('nan'))])
-def test_a_number_is_taken_as_ros2_param_set_sends_it(
-        name: str, given: int | str, kept: float) -> None:
+def test_a_number_is_taken_as_ros2_param_set_sends_it(name, given, kept) -> None:
     """It sends 50 as a whole number, and 1e-6 as the text that YAML 1.1 makes of it."""
     with node_with() as node:
         settings = declare(node, CHANGEABLE)
@@ -264,8 +260,7 @@ def test_a_number_is_taken_as_ros2_param_set_sends_it(
     ('window', None, 'window is None: give a number'),
     ('window', [1.0], 'window is [1.0]: give a number'),
     ('name', 50, 'name is 50: give a text'), ('fixed', 2, 'read-only parameter: fixed')])
-def test_any_other_value_is_refused_in_a_line_that_says_what_to_give(
-        name: str, given: object, words: str) -> None:
+def test_any_other_value_is_refused_in_a_line_that_says_what_to_give(name, given, words) -> None:
     with node_with() as node:
         before = dict(declare(node, CHANGEABLE))
         answer = node.set_parameters_atomically([Parameter(name, value=given)])

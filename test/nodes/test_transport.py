@@ -12,7 +12,7 @@ import xml.etree.ElementTree
 import numpy as np
 import pytest
 import rclpy
-from rosnet import Client, Driver, wait_until
+from rosnet import Driver, wait_until
 
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros import launcher
@@ -24,8 +24,7 @@ BURST = 3000
 
 
 @pytest.mark.ros
-def test_a_reader_that_stood_still_has_everything_after_it_goes_on(
-        group: NodeGroup, heard: Client) -> None:
+def test_a_reader_that_stood_still_has_everything_after_it_goes_on(group, heard) -> None:
     driver = Driver(heard)
     simulator, residual = group.start('ring_simulator'), group.start('ring_residual')
 
@@ -61,8 +60,7 @@ def test_a_reader_that_stood_still_has_everything_after_it_goes_on(
 
 
 @pytest.mark.ros
-def test_a_reader_killed_costs_its_writers_nothing_and_its_heir_hears(
-        group: NodeGroup, heard: Client) -> None:
+def test_a_reader_killed_costs_its_writers_nothing_and_its_heir_hears(group, heard) -> None:
     driver = Driver(heard)
     simulator = group.start('ring_simulator')
     wait_until(lambda: bool(driver.load.subscriptions()), what='it is matched')
@@ -115,16 +113,14 @@ while not any(sum(said.received) for said in heard):
 
 
 @pytest.mark.ros
-def test_a_plain_node_without_the_profile_is_heard_and_hears(
-        group: NodeGroup) -> None:
+def test_a_plain_node_without_the_profile_is_heard_and_hears(group) -> None:
     plain = {name: value for name, value in group.environment.items()
              if name not in PROFILE_VARIABLES}
     group.start('ring_simulator')
     subprocess.run([sys.executable, '-c', PLAIN_NODE], env=plain, timeout=80.0, check=True)
 
 
-def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(monkeypatch) -> None:
     for name in (*PROFILE_VARIABLES, launcher.PUBLICATION_VARIABLE):
         monkeypatch.delenv(name, raising=False)
     assert transport_environment()[launcher.PUBLICATION_VARIABLE] == 'SYNCHRONOUS'

@@ -46,8 +46,7 @@ def test_loads_of_a_whole_record_are_resolved_at_once() -> None:
 
 @given(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), st.floats(-1e-2, 1e-2),
        st.floats(-1e-4, 1e-4), st.floats(-0.5, 0.5))
-def test_probe_geometry_and_its_inverse_undo_each_other(
-        delta_x: float, delta_y: float, gamma: float, parity: float, height: float) -> None:
+def test_probe_geometry_and_its_inverse_undo_each_other(delta_x, delta_y, gamma, parity, height):
     probes = replace(RIG.probes, radial_height=height)
     seen = displacement_to_probes(probes, Displacement(delta_x, delta_y, gamma, parity))
     back = probes_to_displacement(probes, seen)

@@ -34,8 +34,7 @@ exponent = st.floats(0.5, 5.0)
 
 @given(st.tuples(positive, exponent, st.floats(0.0, 1e300),
                  positive, exponent, st.floats(0.0, 1e300)))
-def test_every_contact_law_survives_writing_and_reading(
-        values: tuple[float, ...]) -> None:
+def test_every_contact_law_survives_writing_and_reading(values) -> None:
     law = rig.ContactParameters.from_array(values)
     mapping = parameters_to_mapping(ParameterSet(law))['contact']
     assert parameters_from_mapping({'contact': mapping}, 'p').contact == law
@@ -73,8 +72,7 @@ CONTACT = 'contact: {K1: 1e8, n1: 1.1, D1: 3e6, K2: 1e8, n2: 1.1, D2: 3e6}'
     (CONTACT + '\n    effects: {settling: {amount: much}}', 'effects.settling.amount'),
     (CONTACT + '\n    source: {covariance: [1, 2]}', 'source.covariance has no 36 numbers'),
 ])
-def test_a_fault_is_told_in_one_line_with_file_and_entry(
-        tmp_path: Path, body: str, words: str) -> None:
+def test_a_fault_is_told_in_one_line_with_file_and_entry(tmp_path, body, words) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    {body}\n', encoding='utf-8')
     with pytest.raises(RigError) as caught:

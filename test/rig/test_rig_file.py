@@ -69,8 +69,7 @@ def _set(document: dict[str, Any], name: str, value: Any) -> None:
     ('bounds.D1', 'any', 'give [low, high]'),
     ('bounds.K3', [1.0, 2.0], 'remove them or correct their spelling'),
 ])
-def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(
-        tmp_path: Path, name: str, value: Any, words: str) -> None:
+def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(tmp_path, name, value, words):
     document = rig_document()
     _set(document, name, value)
     path = write(tmp_path / 'rig.yaml', document)
@@ -91,8 +90,7 @@ def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(
     ('a: 2026-13-40', 'is not YAML (month must be in 1..12)'),
     ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section'),
 ])
-def test_a_file_of_another_shape_is_refused_in_one_line(
-        tmp_path: Path, text: str, words: str) -> None:
+def test_a_file_of_another_shape_is_refused_in_one_line(tmp_path, text, words) -> None:
     path = tmp_path / 'rig.yaml'
     path.write_text(text, encoding='utf-8')
     with pytest.raises(RigError) as caught:
@@ -120,8 +118,6 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     (TONNE, 'kN', ('9.81 kN', '0.2 kN')), (400.0 * TONNE, 't', ('400 t', '8.0 t')),
     (7.6 * TONNE, 't', ('7.6 t', '0.15 t')), (200.0, 'kN', ('0.2 kN', '0.004 kN')),
 ])
-def test_a_small_rig_prints_its_loads_with_more_decimals(
-    full_scale: float, unit: str, shown: tuple[str, str],
-) -> None:
+def test_a_small_rig_prints_its_loads_with_more_decimals(full_scale, unit, shown) -> None:
     rig = replace(default_rig(), full_scale_load=full_scale, force_unit=unit)
     assert (rig.full_scale_words, rig.force_words(0.02 * full_scale)) == shown

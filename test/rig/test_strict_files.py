@@ -40,8 +40,7 @@ def refusal(path: Path, text: str) -> str:
     ('    bounds:', '    elevation: 3\n    bounds:', 'has unknown entries (elevation)'),
     ('/**:', 'ring_simulator:\n  ros__parameters: {max_step: 1.0}\n/**:', 'for several nodes'),
 ])
-def test_a_fault_in_a_rig_file_is_refused_with_its_place(
-        tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_fault_in_a_rig_file_is_refused_with_its_place(tmp_path, old, new, words) -> None:
     assert old in SHIPPED
     assert words in refusal(tmp_path / 'rig.yaml', SHIPPED.replace(old, new, 1))
 
@@ -58,8 +57,7 @@ def test_a_fault_in_a_rig_file_is_refused_with_its_place(
     ('effects: [3]\n    effects.probe_gain.gain: 1', 'effects is given as a value and as a'),
     ('effects.probe_gain.gain: 1\n    effects: 3', 'effects is given as a value and as a section'),
 ])
-def test_a_fault_in_a_parameter_file_is_refused_with_its_place(
-        tmp_path: Path, line: str, words: str) -> None:
+def test_a_fault_in_a_parameter_file_is_refused_with_its_place(tmp_path, line, words) -> None:
     text = f'{CONTACT}    {line}\n'
     assert words.replace('3.0', '3') in refusal(tmp_path / 'p.yaml', text).replace('3.0', '3')
 

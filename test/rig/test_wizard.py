@@ -86,8 +86,7 @@ def test_a_bag_speaks_against_a_wrong_rig_file(rig: Rig, words: str) -> None:
     assert any(words in line for line in found)
 
 
-def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
-        capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(capsys) -> None:
     assert main(['rig', '--check', str(BAG), '--json', '-']) == 0
     assert json.loads(capsys.readouterr().out)['checked'] == {str(BAG): []}
     assert main(['rig', '--check', str(BAG), '--elevation', '20']) == 2
@@ -97,8 +96,7 @@ def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
 
 
 @pytest.mark.parametrize('elevation', [30.0, 50.0, 70.0])
-def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
-        elevation: float, made_once: MadeOnce) -> None:
+def test_a_static_test_of_a_sound_rig_is_not_called_wrong(elevation, made_once) -> None:
     """Of 24 at 70 deg, 17 were: the clearance is taken up only above half the load there."""
     for seed in (2, 4, 7, 13):
         bag = static_test(made_once, elevation, seed)
@@ -107,8 +105,7 @@ def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
 
 
 @pytest.mark.parametrize('stiffness', [0.5, 1.1, 1.3, 1.6, 3.0])
-def test_a_sound_rig_that_hardly_takes_up_its_clearance_is_not_called_wrong(
-        stiffness: float, tmp_path: Path) -> None:
+def test_a_sound_rig_that_hardly_takes_up_its_clearance_is_not_called_wrong(stiffness, tmp_path):
     """A stiffer ring than that of the check was told that its 70 deg are 42."""
     rig = replace(
         RIG, axial_rows=replace(RIG.axial_rows, rollers=72, pitch_radius=0.46, clearance=30e-6),
@@ -124,8 +121,7 @@ def test_a_sound_rig_that_hardly_takes_up_its_clearance_is_not_called_wrong(
 
 
 @pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 30.0), (50.0, 70.0)])
-def test_an_elevation_that_is_wrong_by_20_deg_is_found(
-        true: float, stated: float, made_once: MadeOnce) -> None:
+def test_an_elevation_that_is_wrong_by_20_deg_is_found(true, stated, made_once) -> None:
     for seed in (2, 4, 7):
         bag = static_test(made_once, true, seed)
         run = read_run(bag, rig=RIG, elevation=math.radians(stated))
@@ -133,8 +129,7 @@ def test_an_elevation_that_is_wrong_by_20_deg_is_found(
         assert any('tilt and axial motion agree with an elevation' in line for line in found), seed
 
 
-def test_a_ring_that_moves_too_much_for_a_stiff_one_is_not_taken_for_it(
-        made_once: MadeOnce) -> None:
+def test_a_ring_that_moves_too_much_for_a_stiff_one_is_not_taken_for_it(made_once) -> None:
     """Of 28 at 30 deg 26 passed for 70, where a stiff ring hardly takes up its clearance."""
     for seed in (2, 7, 13):
         bag = static_test(made_once, 30.0, seed)
@@ -153,8 +148,7 @@ def test_a_load_in_another_unit_is_no_wrong_elevation() -> None:
     assert not any('agree with an elevation of' in line for line in found)
 
 
-def test_other_elevations_with_which_a_test_agrees_are_told(
-        made_once: MadeOnce, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_elevations_with_which_a_test_agrees_are_told(made_once, capsys) -> None:
     bag = static_test(made_once, 70.0, 2)
     for words, others in ((('--elevation', '50'), '30 and 70'), ((), '30 and 50')):
         assert main(['rig', '--check', str(bag), *words]) == 0

@@ -61,8 +61,7 @@ def noisy_cycle() -> tuple[np.ndarray, np.ndarray]:
 
 
 @EXPONENTS
-def test_beyond_touch_down_damping_is_the_power_of_penetration_that_is_asked_for(
-        exponent: float) -> None:
+def test_beyond_touch_down_damping_is_the_power_of_penetration_that_is_asked_for(exponent):
     for p in DEPTHS[DEPTHS > contact.RAMP]:
         expected = D * (0.3 + 0.7 * (p / 50e-6) ** exponent)
         assert one_roller(p, 1e-3, 0.7, exponent)[2] == pytest.approx(expected, rel=1e-12)
@@ -77,8 +76,7 @@ def growth(p: np.ndarray, exponent: float, levelling: float) -> np.ndarray:
 
 @EXPONENTS
 @pytest.mark.parametrize('levelling', [1e3, 5e4, 2e5])
-def test_growth_levels_off_beyond_the_penetration_that_is_asked_for(
-        levelling: float, exponent: float) -> None:
+def test_growth_levels_off_beyond_the_penetration_that_is_asked_for(levelling, exponent) -> None:
     for p in DEPTHS[DEPTHS > contact.RAMP]:
         expected = D * (0.3 + 0.7 * growth(p, exponent, levelling))
         assert one_roller(p, 1e-3, 0.7, exponent, levelling)[2] == pytest.approx(
@@ -109,8 +107,7 @@ def test_the_highest_power_stays_finite_at_the_least_penetration(levelling: floa
 @EXPONENTS
 @LEVELLINGS
 @pytest.mark.parametrize('share', [0.4, 1.0])
-def test_the_tangent_is_the_slope_of_the_force(
-        share: float, levelling: float | None, exponent: float) -> None:
+def test_the_tangent_is_the_slope_of_the_force(share, levelling, exponent) -> None:
     law = share, exponent, levelling
     for p in DEPTHS:
         h = 1e-5 * p
@@ -171,8 +168,7 @@ def short_cycle() -> tuple[np.ndarray, np.ndarray]:
     ({'share': 0.6, 'exponent': 0.4}, [  # from before growth could level off
         [2.8083769178234217e-05, 0.00013752418185535435, 0.00020979948330640546],
         [3.0479814263298237e-05, 8.339055815806434e-05, 8.113307134531445e-05]])])
-def test_a_file_from_before_gives_the_numbers_it_gave(
-        values: dict[str, float], numbers: list[list[float]]) -> None:
+def test_a_file_from_before_gives_the_numbers_it_gave(values, numbers) -> None:
     probes = probe_batch(RIG, candidates({'damping_law': values}, UNLIKE_ROWS), ELEVATION,
                          *short_cycle())[0]
     assert probes[:2, [300, 500, 900]] == pytest.approx(np.array(numbers), abs=SOLVER)
@@ -216,8 +212,7 @@ def test_the_lag_grows_with_load_as_the_exponent_says(exponent: float) -> None:
 
 
 @pytest.mark.parametrize(('exponent', 'levelling'), [(1.5, 2e4), (6.0, 5e4), (8.0, 2e4)])
-def test_a_ramp_lags_as_the_levelling_law_summed_over_the_rollers_says(
-        exponent: float, levelling: float) -> None:
+def test_a_ramp_lags_as_the_levelling_law_summed_over_the_rollers_says(exponent, levelling):
     """Slow ramp, force along x at the row's height: lag = dq/dt sum d cos^2 / sum k cos^2."""
     rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0, height=0.0))
     share, law = 0.8, TRUE_TO_SCALE

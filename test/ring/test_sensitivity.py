@@ -97,8 +97,7 @@ def test_radial_friction_takes_its_load_at_rest_and_pushes_no_ring_through_its_c
 
 
 @pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
-def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(
-        one: RingEffect) -> None:
+def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(one) -> None:
     for variant in shown_variants(one):
         usual = {item.name: min(item.scale, 0.9 * item.high) for item in one.parameters}
         values = one.complete({**usual, **variant.values})
