@@ -207,14 +207,12 @@ class Driver:
 
     def send_load(self, stamps: np.ndarray, load: np.ndarray) -> None:
         if len(stamps):
-            self.load.send(encode_samples(Samples(stamps, load), LOAD),
-                           int(stamps[-1]))
+            self.load.send(encode_samples(Samples(stamps, load), LOAD), int(stamps[-1]))
 
     def send_gap(self, probe: int, stamps: np.ndarray, gaps: np.ndarray) -> None:
         if len(stamps):
             samples = Samples(stamps, gaps, 0.0, 2e-3)
-            self.probes[probe].send(encode_samples(samples, PROBES[probe]),
-                                    int(stamps[-1]))
+            self.probes[probe].send(encode_samples(samples, PROBES[probe]), int(stamps[-1]))
 
     def send(self, record: Any, rows: Any = slice(None), pace: int = 50) -> None:
         """Send rows of a record (see conftest) in portions of `pace`, load and probes together."""

@@ -34,8 +34,7 @@ def paths(tmp_path_factory):
 
 def test_a_job_reports_what_the_api_reports(paths):
     from_job, from_api = [], []
-    answer = identification_job.run(
-        IdentificationRequest(paths, (), RIG, QUICK), from_job.append)
+    answer = identification_job.run(IdentificationRequest(paths, (), RIG, QUICK), from_job.append)
     found = identify(paths, rig=RIG, particles=8, iterations=6, seed=1,
                      on_progress=from_api.append)
     assert all(isinstance(item, Progress) for item in from_job)

@@ -30,8 +30,7 @@ BAG = 'bags/dynamic_50_fast'
     (lambda: identify(BAG, on_progress=3), 'on_progress is of type int'),
     (lambda: validate(BAG, parameters=3), 'parameters: int holds none'),
     (lambda: diagnose(BAG, hold_out=None), 'hold_out is None'),
-    (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool'),
-])
+    (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool')])
 def test_an_argument_of_a_wrong_kind_is_refused_in_one_line(call, words):
     with pytest.raises(SaddleringError, match=words) as caught:
         call()

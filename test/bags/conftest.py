@@ -37,8 +37,7 @@ class Recording:
             values=self.values | ({} if values is None else {topic: values}))
 
     def without(self, topic: str) -> Recording:
-        return replace(
-            self, stamps={name: v for name, v in self.stamps.items() if name != topic})
+        return replace(self, stamps={name: v for name, v in self.stamps.items() if name != topic})
 
     def write(self, path: Path, **options) -> Path:
         """As the package itself writes it."""

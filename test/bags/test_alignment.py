@@ -48,8 +48,7 @@ def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[Al
     for probe in range(4):
         samples += [
             (int(stamp), probe, float(value))
-            for stamp, value in zip(probe_stamps[probe], gaps[probe], strict=True)
-        ]
+            for stamp, value in zip(probe_stamps[probe], gaps[probe], strict=True)]
     samples.sort()
     rows = []
     for place in range(len(samples)) if order is None else order(samples):

@@ -215,8 +215,7 @@ def bomb_of_metadata(path: Path) -> Path:
      'damaged', 200),
     (lambda folder: bomb_of_a_chunk(folder / 'b.mcap', bytes(9), 300 * MEGABYTE), 'damaged', 5),
     (lambda folder: bomb_of_a_file(folder / 'b.mcap.zstd', 300 * MEGABYTE), 'no recorder', 40),
-    (lambda folder: bomb_of_metadata(folder / 'b'), 'holds an alias', 5),
-])
+    (lambda folder: bomb_of_metadata(folder / 'b'), 'holds an alias', 5)])
 def test_what_unpacks_without_end_is_refused_in_bounded_memory(tmp_path, make, words, most):
     path = make(tmp_path)
     tracemalloc.start()

@@ -41,8 +41,7 @@ def test_a_known_motion_is_measured(tmp_path, moved):
 def test_zero_is_taken_near_the_preload_and_counted_in_load_samples(tmp_path, moved):
     recording, _ = moved
     late = PROBE_TOPICS[3]
-    recording = recording.changed(
-        late, recording.stamps[late][20:], recording.values[late][20:])
+    recording = recording.changed(late, recording.stamps[late][20:], recording.values[late][20:])
     run = read_run(recording.write(tmp_path / 'bag'))
     measured = displacement_of_run(RIG, run)
     assert measured.zero.near_preload

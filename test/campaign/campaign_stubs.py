@@ -30,14 +30,12 @@ def verdict_document(verdict: str = 'none') -> dict[str, Any]:
         'effect': 'radial_friction', 'group': ['radial_friction'],
         'parameters': {'force': {'value': 5e3, 'std': 100.0, 'unit': 'N'}},
         'evidence': {'p_value': 1e-9, 'delta_bic': 50.0},
-        'gain': {'fit': 0.8, 'held_out': 0.7},
-    }]
+        'gain': {'fit': 0.8, 'held_out': 0.7}}]
     return {
         'verdict': verdict, 'causes': causes, 'parameters': {'before': {}, 'after': after},
         'next_test': None, 'gain': {'fit': 0.0, 'held_out': 0.0},
         'detection_limits': [{'effect': 'radial_friction', 'limit': 300.0,
-                              'material_limit': 200.0, 'unit': 'N', 'testable': True}],
-    }
+                              'material_limit': 200.0, 'unit': 'N', 'testable': True}]}
 
 
 def judge(task: SessionTask) -> dict[str, Any]:
@@ -106,8 +104,7 @@ def marks(folder: Path) -> dict[str, list[int]]:
     """Processes that judged each session under `folder`, by key."""
     return {
         path.name: [json.loads(line)['process'] for line in path.read_text().splitlines()]
-        for path in (folder / 'marks').glob('*')
-    }
+        for path in (folder / 'marks').glob('*')}
 
 
 def write_bag(folder: Path, ring: str, name: str, *, day: float = 0.0, elevation: float = 50.0,
@@ -121,8 +118,7 @@ def write_bag(folder: Path, ring: str, name: str, *, day: float = 0.0, elevation
     information = {
         'relative_file_paths': [f'{name}_0.mcap'], 'storage_identifier': 'mcap',
         'custom_data': custom,
-        'starting_time': {'nanoseconds_since_epoch': int((START + 86400 * day) * 1e9)},
-    }
+        'starting_time': {'nanoseconds_since_epoch': int((START + 86400 * day) * 1e9)}}
     (bag / 'metadata.yaml').write_text(
         yaml.safe_dump({'rosbag2_bagfile_information': information}))
     return bag

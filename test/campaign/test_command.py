@@ -71,8 +71,7 @@ def test_status_of_a_campaign(works, judged, capsys):
     (['.', '--out', 'x', '--gap', '0'], '--gap is 0'),
     (['.', '--out', 'x', '--limit', 'K7=1'], 'give one of K1'),
     (['.', '--out', 'x', '--rig', 'none.yaml'], 'none.yaml'),
-    (['status', 'nowhere'], 'holds no campaign'),
-])
+    (['status', 'nowhere'], 'holds no campaign')])
 def test_what_cannot_be_used_is_one_line(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)
     assert main(['campaign', *arguments]) == 2

@@ -33,8 +33,7 @@ def test_tests_of_one_ring_within_a_day_are_one_session_and_a_longer_gap_joins_m
     assert names(works) == {
         'SR-1 2026-01-05': ['dynamic_70', 'static_50'], 'SR-1 2026-01-12': ['static_50_again'],
         'SR-2 2026-01-05': ['dynamic_70', 'static_50'],
-        'SR-3-friction 2026-01-05': ['dynamic_70', 'static_50'],
-    }
+        'SR-3-friction 2026-01-05': ['dynamic_70', 'static_50']}
 
 
 def test_an_elevation_is_held_out_where_another_is_left(works):
@@ -139,8 +138,7 @@ def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path):
     ('bag\nx\n', "has no column 'session'"),
     ('bag,session\nnowhere,a\n', 'line 2: nowhere is not under the folder'),
     ('bag,session,service_hours\n{0}/SR-1/static_50,a,100\n{0}/SR-1/dynamic_70,a,900\n',
-     "service_hours of the session 'a' is 100 and 900: give a session one"),
-])
+     "service_hours of the session 'a' is 100 and 900: give a session one")])
 def test_a_manifest_that_cannot_be_used_is_one_line(works, tmp_path, text, words):
     path = tmp_path / 'm.csv'
     path.write_text(text.format(works))

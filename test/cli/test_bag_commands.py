@@ -145,8 +145,7 @@ def test_elevation_given_wins(bag, parameters, capsys):
     ['simulate', 'BAG', '--params', 'nowhere.yaml'],
     ['displacement', 'nowhere'],
     ['simulate', 'nowhere', '--params', 'PARAMETERS'],
-    ['info', 'nowhere'],
-])
+    ['info', 'nowhere']])
 def test_unusable_arguments_get_one_line_and_status_2(bag, parameters, capsys, arguments):
     names = {'BAG': str(bag), 'PARAMETERS': str(parameters)}
     assert main([names.get(argument, argument) for argument in arguments]) == 2

@@ -47,8 +47,7 @@ def children_of(number):
 
 @pytest.mark.parametrize(('make', 'said'), [
     (lambda folder: folder / 'none', 'no such folder'),
-    (lambda folder: folder, 'holds no bags'),
-])
+    (lambda folder: folder, 'holds no bags')])
 def test_a_folder_without_bags_is_one_line_and_status_2(tmp_path, capsys, make, said):
     status = main(['demo', '--bags', str(make(tmp_path)), '--out', str(tmp_path / 'out')])
     assert status == 2

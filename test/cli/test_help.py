@@ -47,8 +47,7 @@ def test_every_command_that_finds_something_can_say_it_in_json_on_stdout(name, c
     (['info', 'bag', '--test', 'statc'], 'did you mean static?'),
     (['generate', 'out', '--test', 'static', '--elevation', '50', '--effect',
       'radial_fricton=5000'], 'did you mean radial_friction?'),
-    (['generate', '--effect', 'radial_fricton=5000'], 'did you mean radial_friction?'),
-])
+    (['generate', '--effect', 'radial_fricton=5000'], 'did you mean radial_friction?')])
 def test_what_is_mistyped_is_refused_in_one_line_with_what_was_meant(words, hint, capsys):
     try:
         status = command.main(words)
@@ -80,8 +79,7 @@ def completed(line):
 @pytest.mark.parametrize(('line', 'offered'), [
     ('saddlering ident', {'identify'}),
     ('saddlering validate bag --test ', {'static', 'dynamic'}),
-    ('saddlering generate out --eff', {'--effect'}),
-])
+    ('saddlering generate out --eff', {'--effect'})])
 def test_the_tab_key_completes_commands_options_and_choices(line, offered):
     assert offered <= set(completed(line))
 
@@ -173,8 +171,7 @@ def test_the_help_of_every_command_says_what_it_does_and_explains_each_option(na
     (['import', 'docs/data/static_30.csv', '--map', 'docs/data/map_static_30.yaml', '--rig',
       'docs/data/rig.yaml', '--out', 'bags/static_50'], 'or give --overwrite'),
     (['rig', '--draft', 'new.yaml', '--set', 'axial_rows.rollers=2'],
-     'saddlering rig: --set: rig.axial_rows.rollers is 2'),
-])
+     'saddlering rig: --set: rig.axial_rows.rollers is 2')])
 def test_a_refusal_says_what_to_type(words, hint, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     assert command.main(words) == 2

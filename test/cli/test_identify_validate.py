@@ -25,8 +25,7 @@ def write(folder, run):
     facts = TestMetadata(run.test, float(np.degrees(run.elevation)), run='1')
     return str(write_bag(
         folder / run.name, facts, run.stamps, run.load, [run.stamps] * 4, list(run.gaps),
-        RIG.probes,
-    ))
+        RIG.probes))
 
 
 @pytest.fixture(scope='module')
@@ -112,9 +111,7 @@ def test_validate_prints_a_table_writes_json_and_pictures(bags, parameter_file, 
         (['--bounds', 'K1=1e9:1e7'], 'K1'),
         (['--bounds', 'K1=soft'], 'NAME=LOW:HIGH'),
         (['--bounds', 'Q=1:2'], 'no such parameter'),
-        (['--particles', '1'], 'particles'),
-    ],
-)
+        (['--particles', '1'], 'particles')])
 def test_what_cannot_be_meant_is_said_in_one_line(bags, wrong, words, capsys):
     assert main(['identify', bags[0], *wrong]) == 2
     error = capsys.readouterr().err
@@ -131,8 +128,7 @@ def test_a_run_of_too_little_range_is_said_in_one_line(tmp_path, capsys):
 
 @pytest.mark.parametrize(('options', 'words'), [
     (('--accuracy', '1e9'), '1 iterations, accuracy reached'),
-    (('--iterations', '500', '--stagnation', '1'), 'no more progress'),
-])
+    (('--iterations', '500', '--stagnation', '1'), 'no more progress')])
 def test_the_swarm_can_be_told_when_to_stop(bags, capsys, options, words):
     assert main(['identify', bags[0], '--method', 'paper', '--particles', '5', *options]) == 0
     assert words in capsys.readouterr().out

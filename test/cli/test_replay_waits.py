@@ -65,8 +65,7 @@ def test_an_alarm_is_told_when_it_comes_and_is_the_result():
     states = ['waiting for samples', 'no alarm', 'no alarm', 'ALARM 1 s after the onset']
     begun = iter(range(1, len(states) + 1))
     log = [f'[INFO] [ring_alarm]: state of the alarm: {state}\n' for state in states]
-    clock = SimpleNamespace(
-        said=lambda: 'replay is playing\nreplay is at its end', running=True)
+    clock = SimpleNamespace(said=lambda: 'replay is playing\nreplay is at its end', running=True)
 
     def alarm_said():
         shown = next(begun, len(states))

@@ -19,8 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('no_next_test')]
 
 EXAMINER = str(Path(__file__).parents[2] / 'benchmarks' / 'examiner.py')
 TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
-SHORT = ('--hold', '2', '--duration', '8',
-         '--dynamic-rate', '250', '--sizes', '0.7', '1')
+SHORT = ('--hold', '2', '--duration', '8', '--dynamic-rate', '250', '--sizes', '0.7', '1')
 
 
 def diagnosed(folder: Path, kind: str, seed: int, *effects: str, runs: str = TWO) -> str:

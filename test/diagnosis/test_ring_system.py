@@ -204,8 +204,7 @@ def test_bags_of_different_rigs_get_no_confident_name(campaign, made_once, tmp_p
         read_run(Path('bags') / name) for name in ('static_50', 'dynamic_50', 'static_70'))
     found = shared_diagnose(made_once)([first, second], [held_out], rig=default_rig())
     assert found.verdict == 'named'
-    monkeypatch.setattr('saddlering_ros.discrepancy.diagnose',
-                        lambda *_, **__: found.diagnosis)
+    monkeypatch.setattr('saddlering_ros.discrepancy.diagnose', lambda *_, **__: found.diagnosis)
     apart = diagnosis.diagnose_ring([first, replace(second, rig='another rig')], [held_out],
                                     rig=default_rig())
     assert apart.diagnosis.causes

@@ -26,8 +26,7 @@ def signature(effect: Effect, size: float, white: np.ndarray) -> Signature:
 
 SEEN = with_amplitude_dependence(
     [signature(SWING, period, swing(period)) for period in (0.1, 0.12, 0.2)]
-    + [signature(GAIN, share, 100.0 * share * TIME) for share in (0.1, 0.2, 0.4)]
-)
+    + [signature(GAIN, share, 100.0 * share * TIME) for share in (0.1, 0.2, 0.4)])
 
 
 def fit(misfit: np.ndarray) -> Fit:

@@ -21,8 +21,7 @@ MODEL = Model(
     simulate,
     {'gain': Parameter(0.5, 2.0)},
     {'step': Effect('A step', {'size': Parameter(-1, 1)})},
-    {'seen': Channel()},
-)
+    {'seen': Channel()})
 
 
 def found(gains: tuple[float, float], step: float = 0.0, bend: float = 0.0, seed: int = 1

@@ -37,8 +37,7 @@ def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
 
 BEND = Effect('A bend', {'size': Parameter(-2, 2), 'width': Parameter(0.1, 1.0, start=0.5)})
 MODEL = Model(
-    simulate, {'gain': Parameter(0.5, 2.0)}, {'bend': BEND}, {'seen': Channel(offset='free')}
-)
+    simulate, {'gain': Parameter(0.5, 2.0)}, {'bend': BEND}, {'seen': Channel(offset='free')})
 
 
 def record(name: str, size: float = 0.3, gain: float = 1.0, seed: int = 1) -> Run:
@@ -185,8 +184,7 @@ def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
         ).verdict
 
     assert [verdict(offset) for offset in ('free', 0.2, 0.01, 'none')] == [
-        'none', 'none', 'unknown', 'unknown'
-    ]
+        'none', 'none', 'unknown', 'unknown']
 
 
 def test_an_angle_is_a_full_turn_in_its_unit() -> None:
@@ -241,9 +239,7 @@ def test_a_second_amplitude_is_absent_with_its_effect() -> None:
         (lambda: diagnose(second_amplitude(None), [record('a')]), 'back moves .* neutral='),
         (lambda: check(second_amplitude(None), [record('a')]), 'back moves .* neutral='),
         (lambda: diagnose(returning(None), [record('a')]), 'returned NoneType'),
-        (lambda: diagnose(returning({'seen': 'text'}), [record('a')]), 'no array of numbers'),
-    ],
-)
+        (lambda: diagnose(returning({'seen': 'text'}), [record('a')]), 'no array of numbers')])
 def test_what_is_declared_wrongly_is_told_in_one_line(declare, words: str) -> None:
     with pytest.raises(DiscrepancyError, match=words) as caught:
         declare()
@@ -258,9 +254,7 @@ def test_a_check_tells_what_cannot_be_seen_before_anything_is_diagnosed() -> Non
         gain = parameters['gain'] + parameters['copy.more']
         return simulate({**parameters, 'gain': gain}, run)
 
-    model = replace(
-        MODEL, simulate=also, effects={**MODEL.effects, 'idle': idle, 'copy': copy}
-    )
+    model = replace(MODEL, simulate=also, effects={**MODEL.effects, 'idle': idle, 'copy': copy})
     lines = str(check(model, [record('a')]))
     assert 'effect idle: changes nothing' in lines
     assert 'effect copy: cannot be told from the base' in lines
@@ -458,8 +452,7 @@ def test_three_effects_are_no_answer_if_one_of_them_has_an_alternative(names, ve
     ('part', 'words'),
     [(slice(None), 'are the same recording: give it once .one is held out'),
      (slice(100, 300), 'a part of a recording: give it once .one is held out'),
-     (slice(300, 400), 'a part of a recording')],
-)
+     (slice(300, 400), 'a part of a recording')])
 def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: str) -> None:
     run = record('a')
     later = Run('b', TIME[part] + 100.0, outputs={'seen': run.outputs['seen'][part]},

@@ -57,8 +57,7 @@ MODEL = Model(
     {'gain': Parameter(0.5, 2.0)},
     {'friction': Effect('Dry friction', {'size': Parameter(-1, 1)}),
      'cubic': Effect('A cubic spring', {'size': Parameter(-1, 1)})},
-    {'seen': Channel()},
-)
+    {'seen': Channel()})
 
 
 def record(number: int, friction: float, error: float, seed: int = 1) -> Run:
@@ -194,8 +193,7 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     effects = {'root': Effect('Root of the speed', {'size': Parameter(0, 1)}),
                'bent': Effect('Less drag', {'size': Parameter(-1, 0)})}
     channels = {'seen': Channel(model_error=declared)}
-    answer = found(
-        0.3, 0.02, replace(MODEL, simulate=alike, effects=effects, channels=channels))
+    answer = found(0.3, 0.02, replace(MODEL, simulate=alike, effects=effects, channels=channels))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('unknown', ['root'])
     assert any('Less drag, of another size or sign' in item for item in answer.warnings)
     assert answer.probabilities['unknown'] > 0.85
@@ -342,8 +340,7 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_each_view_that_it_mainly_moves
 
 def test_an_error_of_an_input_is_established_alone_only() -> None:
     system = SimpleNamespace(inputs=(SimpleNamespace(id='span'),))
-    space = SimpleNamespace(
-        problem=SimpleNamespace(system=system, titles={'span': 'wrong span'}))
+    space = SimpleNamespace(problem=SimpleNamespace(system=system, titles={'span': 'wrong span'}))
     for names, is_doubted in ((('span', 'friction'), True), (('friction',), False)):
         fit = SimpleNamespace(candidate=SimpleNamespace(ids=names))
         assert bool(established.wrong_inputs(space, fit)) is is_doubted

@@ -50,8 +50,7 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
     class Idealised(second_system.Axis):
         effects = tuple(
             replace(item, form=0.1) for item in second_system.Axis.effects
-            if item.id == 'friction'
-        )
+            if item.id == 'friction')
 
     found = discrepancy.diagnose_system(Problem(Idealised(), runs(3, friction={'force': 2.0})))
     force = found.causes[0].parameters['force']

@@ -26,9 +26,7 @@ def runs(size: float, seed: int = 3) -> list[RunBlocks]:
     """Three runs, the last held out, with a step at 0.6 of the load that no effect makes."""
     random = np.random.default_rng(seed)
     law = size * (0.5 + 0.5 * np.tanh((LOAD - 0.6) / 0.02))
-    seen = [
-        (1.2 * LOAD + law + random.normal(size=TIME.size) * NOISE)[None, :]
-        for _ in range(3)]
+    seen = [(1.2 * LOAD + law + random.normal(size=TIME.size) * NOISE)[None, :] for _ in range(3)]
     made = [recorded(f'run {k}', item) for k, item in enumerate(seen)]
     held = made[2]
     return [*made[:2], RunBlocks(held.name, held.group, held.time, held.width, held.channels,

@@ -23,8 +23,7 @@ class Bent(System):
         Effect(
             'bend',
             {'size': Parameter(-0.5, 0.5)},
-            variants=({'channel': 0.0}, {'channel': 1.0}),
-        ),
+            variants=({'channel': 0.0}, {'channel': 1.0})),
     )
 
     def predict(self, name: str, point: Point) -> np.ndarray:
@@ -78,8 +77,7 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
                 {'size': Parameter(-0.5, 0.5), 'place': Parameter(0.0, 1.0)},
                 variants=({'channel': 1.0},),
                 starts=({'place': 0.2},),
-            ),
-        )
+            ))
 
     seen = Bent().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
@@ -101,8 +99,7 @@ def test_a_limit_counts_what_the_refitted_base_takes_of_an_effect() -> None:
         swing,
         {'rate': Parameter(0.5, 4.0)},
         {'stiffer': Effect('A stiffer spring', {'size': Parameter(0.0, 1.0)})},
-        {'seen': Channel(noise=discrepancy.Noise.white(0.01))},
-    )
+        {'seen': Channel(noise=discrepancy.Noise.white(0.01))})
     noise = 0.01 * np.random.default_rng(1).normal(size=time.size)
     run = Run('swing', time, {}, {'seen': np.cos(1.3 * time) + noise})
     (limit,) = discrepancy.diagnose(model, [run]).observability.limits
@@ -129,8 +126,7 @@ def test_a_base_parameter_that_its_bound_stops_is_told_and_no_cause_is_named() -
         effects = {'friction': Effect('Friction', {'size': Parameter(0.0, 1.0)})}
         if not friction:
             effects['bend'] = Effect('Bend', {'size': Parameter(-5.0, 5.0)})
-        model = Model(
-            simulate, {'gain': Parameter(0.5, highest)}, effects, {'seen': Channel()})
+        model = Model(simulate, {'gain': Parameter(0.5, highest)}, effects, {'seen': Channel()})
         answer = discrepancy.diagnose(
             model, [record('a', 0.9, friction), record('b', 1.7, friction)])
         assert answer.verdict == 'unknown'

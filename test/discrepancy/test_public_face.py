@@ -53,8 +53,7 @@ def test_nothing_outside_the_engine_imports_what_it_does_not_export() -> None:
         f'{path.relative_to(PACKAGE.parent)}: {module}.{name}'
         for path in users
         for module, name in imported(path)
-        if module.startswith(f'{NAME}.') or (module == NAME and name not in discrepancy.__all__)
-    ]
+        if module.startswith(f'{NAME}.') or (module == NAME and name not in discrepancy.__all__)]
     assert len(users) > 100
     assert wrong == []
 
@@ -66,8 +65,7 @@ def test_the_engine_imports_no_ring() -> None:
         for path in (PACKAGE / 'discrepancy').rglob('*.py')
         for module, _ in imported(path)
         if module.split('.')[:1] == ['saddlering_ros'] and module.split('.')[1:2]
-        and module.split('.')[1] in rooms
-    ]
+        and module.split('.')[1] in rooms]
     assert wrong == []
 
 

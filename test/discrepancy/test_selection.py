@@ -54,8 +54,7 @@ class TwoSensors(System):
 @pytest.mark.parametrize('sensor', [0.0, 1.0])
 def test_a_place_that_another_base_makes_as_good_is_told_beside_the_named_one(sensor) -> None:
     system = TwoSensors()
-    cause = only_cause(system, measured(
-        system, 1e-3, {'gain': {'sensor': sensor, 'size': 0.05}}))
+    cause = only_cause(system, measured(system, 1e-3, {'gain': {'sensor': sensor, 'size': 0.05}}))
     (other,) = cause.elsewhere
     places = {cause.parameters['sensor'].value: cause.parameters['size'].value,
               other['sensor']: other['size']}
@@ -226,8 +225,7 @@ class Bow(System):
     effects = (
         Effect('some power', {'size': Parameter(-0.5, 0.5), 'power': Parameter(1.1, 8.0)},
                starts=({'size': 0.1, 'power': 1.3},)),
-        Effect('third power', {'size': Parameter(-0.5, 0.5)}),
-    )
+        Effect('third power', {'size': Parameter(-0.5, 0.5)}))
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         bent = [values['size'] * LOAD ** values.get('power', 3.0)
@@ -254,9 +252,7 @@ class Stopped(System):
         Effect(
             'clip',
             {'limit': Parameter(0.1, 3.0, neutral=3.0)},
-            starts=tuple({'limit': limit} for limit in (0.3, 0.6, 1.2)),
-        ),
-    )
+            starts=tuple({'limit': limit} for limit in (0.3, 0.6, 1.2))))
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         height = point.effects.get('stop', {'height': 0.0})['height']
@@ -291,12 +287,10 @@ class Dragged(System):
 
     base_parameters = (
         Parameter(0.5, 2.0, name='slope'),
-        Parameter(1e-6, 1.0, start=0.5, name='drag'),
-    )
+        Parameter(1e-6, 1.0, start=0.5, name='drag'))
     effects = (
         Effect('turning', {'share': Parameter(0.0, 1.0)}),
-        *(Effect(f'power_{power}', {'size': Parameter(-0.2, 0.2)}) for power in POWERS),
-    )
+        *(Effect(f'power_{power}', {'size': Parameter(-0.2, 0.2)}) for power in POWERS))
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         share = point.effects.get('turning', {'share': 0.0})['share']

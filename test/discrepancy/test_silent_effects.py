@@ -25,10 +25,8 @@ MODEL = Model(
     base={'inflow': Parameter(1.0, 30.0, start=2.0), 'gain': Parameter(0.02, 1.0, start=0.5)},
     effects={
         'overflow': Effect('Overflow', {'share': Parameter(0.0, 1.0)}),
-        'curve': Effect('Curved pump', {'size': Parameter(-0.5, 0.5)}),
-    },
-    channels={'gauge': Channel()},
-)
+        'curve': Effect('Curved pump', {'size': Parameter(-0.5, 0.5)})},
+    channels={'gauge': Channel()})
 
 
 def test_an_overflow_that_the_base_fit_does_not_reach_is_selected() -> None:

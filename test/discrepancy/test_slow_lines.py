@@ -19,8 +19,7 @@ class Bench(System):
     effects = (
         Effect('pickup', {'cosine': Parameter(-1.0, 1.0), 'sine': Parameter(-1.0, 1.0),
                           'frequency': Parameter(0.5, 500.0, scale='log')}, line=((0,),)),
-        Effect('bend', {'size': Parameter(-0.5, 0.5)}),
-    )
+        Effect('bend', {'size': Parameter(-0.5, 0.5)}))
 
     def at(self, load: np.ndarray, point: discrepancy.Point) -> np.ndarray:
         bend = point.effects.get('bend', {'size': 0.0})['size']

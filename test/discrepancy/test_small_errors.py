@@ -29,8 +29,7 @@ SHAPES = {
     'drag': lambda drive, speed: speed,
     'gap': lambda drive, speed: np.tanh(drive / 0.1),
     'kink': lambda drive, speed: np.maximum(drive - 0.3, 0.0),
-    'creep': lambda drive, speed: TIME * drive / TIME[-1],
-}
+    'creep': lambda drive, speed: TIME * drive / TIME[-1]}
 SMALL = {'cubic': 0.012, 'square': -0.015, 'drag': 0.01, 'gap': -0.012, 'kink': 0.02,
          'creep': 0.015}
 """Sizes of the small errors: each moves about a hundredth of the range."""
@@ -98,8 +97,7 @@ def observed() -> SimpleNamespace:
 
 @pytest.mark.parametrize('main', ['friction', 'cubic'])
 def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(main, observed):
-    answer = (observed.answer if main == 'friction' else
-              diagnosed({**SMALL, main: 0.3}, *SHAPES))
+    answer = (observed.answer if main == 'friction' else diagnosed({**SMALL, main: 0.3}, *SHAPES))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', [main])
     assert any(f'{main} has' in sentence for sentence in answer.warnings)
     size = answer.causes[0].parameters['size']

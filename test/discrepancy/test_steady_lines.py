@@ -42,15 +42,13 @@ def test_a_line_is_found_and_measured_where_it_is(frequency: float) -> None:
 def test_a_line_of_twice_the_limit_is_always_found() -> None:
     limit = find_line(stretches(0), 1e-3)[1]
     assert all(
-        find_line(stretches(seed, 50.0, 2.0 * limit), 1e-3)[0] is not None for seed in range(10)
-    )
+        find_line(stretches(seed, 50.0, 2.0 * limit), 1e-3)[0] is not None for seed in range(10))
 
 
 def test_a_line_of_half_the_limit_is_seldom_found() -> None:
     limit = find_line(stretches(0), 1e-3)[1]
     found = [
-        find_line(stretches(seed, 50.0, 0.5 * limit), 1e-3)[0] is not None for seed in range(10)
-    ]
+        find_line(stretches(seed, 50.0, 0.5 * limit), 1e-3)[0] is not None for seed in range(10)]
     assert sum(found) <= 5
 
 
@@ -85,5 +83,4 @@ def test_the_gain_is_what_the_line_leaves_less_whatever_its_phase() -> None:
     assert line is not None
     expected = 1.0 - np.sqrt(1.13 / (1.13 + 0.5))
     assert line_gain(other, line.frequency, line.amplitude * line.own) == pytest.approx(
-        expected, abs=0.05
-    )
+        expected, abs=0.05)

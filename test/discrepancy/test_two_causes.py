@@ -26,8 +26,7 @@ class Spring(System):
     effects = (
         Effect('late', {'size': Parameter(-0.5, 0.5)}),
         Effect('bend', {'size': Parameter(-0.6, 0.6)}),
-        Effect('other_bend', {'size': Parameter(-0.2, 0.2)}),
-    )
+        Effect('other_bend', {'size': Parameter(-0.2, 0.2)}))
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         size = {name: values['size'] for name, values in point.effects.items()}

@@ -27,8 +27,7 @@ MODEL = Model(
     simulate,
     base={'rate': Parameter(0.5, 4.0)},
     effects={'fade': Effect('Swing that fades', {'size': Parameter(-0.1, 0.1)})},
-    channels={'seen': Channel(noise=Noise.white(0.01))},
-)
+    channels={'seen': Channel(noise=Noise.white(0.01))})
 
 
 @pytest.fixture
@@ -114,8 +113,7 @@ WHEEL = Model(
     base={'loss': Parameter(0.1, 3.0)},
     effects={'teeth': Effect('Unequal teeth', {'size': Parameter(-8.0, 8.0)}),
              'drift': Effect('Drift', {'size': Parameter(-1.0, 1.0)})},
-    channels={'angle': Channel(noise=Noise.white(0.01))},
-)
+    channels={'angle': Channel(noise=Noise.white(0.01))})
 
 
 @pytest.fixture(scope='module')

@@ -58,8 +58,7 @@ UNTRIED = {
     'live': 'serves until it is ended',
     'plan': 'it simulates every test that could be added: half a minute',
     'record': 'records until it is ended',
-    'replay': 'test/cli/test_numbers_out.py replays a bag and records it',
-}
+    'replay': 'test/cli/test_numbers_out.py replays a bag and records it'}
 """Commands whose examples no test types, and why."""
 
 

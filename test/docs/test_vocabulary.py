@@ -29,8 +29,7 @@ REPLACED = {
     'pinned': (r'\.pinned\b', 'determined'),
     'trouble': (r'\btrouble\b', 'failed_steps'),
     'polished': (r'\bpolished\b', 'refit_full_jacobian'),
-    'LEAST_, MOST_, LARGEST_': (r'\b_?(LEAST|MOST|LARGEST|SMALLEST|FEWEST)_', 'MIN_, MAX_'),
-}
+    'LEAST_, MOST_, LARGEST_': (r'\b_?(LEAST|MOST|LARGEST|SMALLEST|FEWEST)_', 'MIN_, MAX_')}
 """Old word: a pattern that finds it, and what to say."""
 
 
@@ -75,8 +74,7 @@ FORBIDDEN = {
     r'\bkept apart\b|\bparts? the\b': 'separate, tell apart',
     r'\b(once|one) a sample\b|\ba row a\b': 'per',
     r'\bmiddle row\b': 'radial row',
-    r'\bheard\b': 'received',
-}
+    r'\bheard\b': 'received'}
 """A pattern that pages avoid, and what to write."""
 
 LONGEST_SENTENCE = 40

@@ -25,19 +25,16 @@ from saddlering_ros.rig import CHANNELS, ParameterSet, read_parameters, TRUE_TO_
 
 LOAD_PATH = {
     'load_gain', 'load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error',
-    'moment_arm', 'bracket_play',
-}
+    'moment_arm', 'bracket_play'}
 RING = {
     'radial_friction', 'tilt_friction', 'radial_clearance', 'axial_clearance',
     'radial_compliance', 'tilt_compliance', 'axial_compliance', 'bolt_opening',
     'ring_ovalisation', 'unequal_rows', 'worn_sector_axial', 'worn_sector_radial',
     'out_of_round', 'axial_flatness', 'film_creep', 'settling', 'damping_law',
-    'carriage_resonance',
-}
+    'carriage_resonance'}
 MEASUREMENT = {
     'probe_height', 'probe_bracket', 'probe_gain', 'probe_nonlinearity', 'probe_drift',
-    'probe_lag', 'clock_offset', 'mains_pickup', 'probe_saturation',
-}
+    'probe_lag', 'clock_offset', 'mains_pickup', 'probe_saturation'}
 UNITS = {'1', 'N', 'm', 'rad', 'N m', 'm/N', 'rad/(N m)', 's', '1/m', 'm/s', 'Hz'}
 EACH = pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
 
@@ -158,8 +155,7 @@ def test_effects_can_be_added_in_any_order() -> None:
 def test_two_effects_on_one_row_both_act() -> None:
     extension = extension_of({
         'radial_clearance': {'change': 2e-5}, 'out_of_round': {'amplitude': 5e-6},
-        'worn_sector_radial': {'wear': 0.2},
-    })
+        'worn_sector_radial': {'wear': 0.2}})
     assert extension.radial_row.gap == 1e-5
     assert math.hypot(*extension.radial_row.waves[2:]) == pytest.approx(5e-6)
     assert extension.radial_row.wear.loss == 0.2
@@ -187,8 +183,7 @@ def test_an_effect_survives_a_parameter_file(one: RingEffect, tmp_path: Path) ->
     ({'probe_lag': {'time': -0.1}}, 'from 0 to 1 s'),
     ({'probe_gain': {'probe': 0.0}}, 'choose from 1, 2, 3, 4'),
     ({'probe_gain': {'probe': 2.5}}, 'choose from 1, 2, 3, 4'),
-    ({'probe_saturation': {'side': 0.0}}, 'choose from 1, -1'),
-])
+    ({'probe_saturation': {'side': 0.0}}, 'choose from 1, -1')])
 def test_what_cannot_be_used_is_refused_in_one_line_that_helps(given, said) -> None:
     with pytest.raises(EffectError) as refusal:
         extension_of(given)

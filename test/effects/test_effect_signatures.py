@@ -102,8 +102,7 @@ def measured_changes() -> Floats:
             **variant.values, **{p.name: p.neutral for p in one.parameters if p.amplitude}})
         ends = [
             {**neutral, **{p.name: getattr(p, end) for p in one.parameters if p.amplitude}}
-            for end in ('low', 'high')
-        ]
+            for end in ('low', 'high')]
         for kind, group in enumerate(([neutral], guesses(one, variant), ends)):
             for values in group:
                 extensions.append(one.extend(NO_EXTENSION, one.complete(values)))
@@ -267,8 +266,7 @@ def test_a_joint_that_opens_at_its_lowest_moment_can_be_a_compliance_of_the_tilt
     ('axial_compliance', 'delta_y', -np.sin(PUSHED)),
     ('tilt_compliance', 'gamma',
      RIG.trunnion.y * np.cos(PUSHED) + RIG.trunnion.x * np.sin(PUSHED)),
-    ('ring_ovalisation', 'parity', np.cos(PUSHED)),
-])
+    ('ring_ovalisation', 'parity', np.cos(PUSHED))])
 def test_a_series_spring_adds_a_straight_line_without_a_loop(effect_id, channel, drive) -> None:
     time, load = ramp()
     change = added({effect_id: {'compliance': 5e-11}}, (time, load), channel)
@@ -385,8 +383,7 @@ def test_a_worn_arc_matters_only_in_the_load_zone() -> None:
     rear, front = (
         np.ptp(simulated({'worn_sector_radial': {'wear': 0.3, 'centre': centre, 'edge': 0.1}},
                          record)['delta_x'])
-        for centre in (0.0, np.pi)
-    )
+        for centre in (0.0, np.pi))
     assert rear > 1.02 * plain
     assert front == pytest.approx(plain, rel=1e-6)
 

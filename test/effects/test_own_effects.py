@@ -123,9 +123,7 @@ def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(folde
         ('values: [0.0, 0.0,', 'values: [0.0, .nan,', 'finite numbers'),
         ('scale: 5.0e-6', 'scale: 0.0', 'scale above zero'),
         ('size:', 'sizes:', 'size is missing'),
-        ('id: seat_snaps', 'id: load_gain', 'the id load_gain is taken'),
-    ],
-)
+        ('id: seat_snaps', 'id: load_gain', 'the id load_gain is taken')])
 def test_a_file_that_is_no_effect_is_refused_in_one_line(folder, old, new, words) -> None:
     with pytest.raises(EffectError, match=words) as refused:
         folder(text=STEP.replace(old, new))

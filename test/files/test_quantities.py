@@ -16,8 +16,7 @@ from saddlering_ros.quantities import compact, percent, probability, quantity, s
     (0.5, '', None, '0.500'),
     (math.radians(2.0), 'rad', None, '2.00 °'),
     (0.0, 'N', None, '0 N'),
-    (1200.0, 's', None, '20.0 min'), (7200.0, 's', None, '2.00 h'), (4e6, 's', None, '46.3 d'),
-])
+    (1200.0, 's', None, '20.0 min'), (7200.0, 's', None, '2.00 h'), (4e6, 's', None, '46.3 d')])
 def test_a_quantity_has_a_prefix_and_the_digits_its_error_leaves(value, unit, std, shown):
     assert quantity(value, unit, std) == shown
 

@@ -29,8 +29,7 @@ WRITERS = {
     'csv': 'write_samples(path, [samples])',
     'parquet': 'write_samples(path, [samples])',
     'yaml': 'write_parameters(path, ParameterSet(TRUE_TO_SCALE, source=ParameterSource('
-            'note=text)))',
-}
+            'note=text)))'}
 
 PRELUDE = """
 import signal, sys

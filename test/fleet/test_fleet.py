@@ -36,8 +36,7 @@ def sessions_of(ring, change, *, rig='rig-a', count=8, seed=0, p_value=1.0):
             500.0 * number, False, 'named' if p_value < 0.01 else 'none', p_value,
             mean + number * np.asarray(change) + ERROR * chance.standard_normal(6),
             np.diag(ERROR**2), {})
-        for number in range(count)
-    ]
+        for number in range(count)]
 
 
 def fleet_of(changes, **options):
@@ -140,8 +139,7 @@ def test_service_hours_that_fall_with_time_are_no_clock():
 def test_the_size_of_a_cause_has_a_history_of_its_own():
     sessions = [
         replace(session, causes={'radial_friction': (1e3 + 500.0 * number, 50.0)})
-        for number, session in enumerate(sessions_of('SR-1', STILL))
-    ]
+        for number, session in enumerate(sessions_of('SR-1', STILL))]
     ring, = judge_fleet(sessions).rings
     history = ring.history.of['radial_friction']
     assert history.slope * 500.0 == pytest.approx(500.0, rel=0.05)
@@ -244,8 +242,7 @@ def test_document_and_page_name_who_needs_a_person(no_pictures):
     assert document['rings'][0]['remaining_life']['K1']['median'] > 0.0
     worn = fleet.rings[0]
     exponent = np.mean([item.value[1] for item in worn.sessions])
-    life = remaining_life(worn.history.of['stiffness_1'],
-                          math.log(1e7 * 2e-5**(exponent - 1.0)))
+    life = remaining_life(worn.history.of['stiffness_1'], math.log(1e7 * 2e-5**(exponent - 1.0)))
     assert vars(worn.life['K1']) == pytest.approx(vars(life))
     page = fleet_page(fleet, [('SR-9 2026-01-01', 'no unloading branch')])
     assert 'SR-worn' in page

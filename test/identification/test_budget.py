@@ -77,8 +77,7 @@ def test_an_error_of_a_probe_moves_what_that_probe_reads(absent, runs):
             (3, [x_share, 0.0, 0.0, -parity], x + height * gamma),
             (4, [height / span, 0.5, -1.0 / span, 0.0], y - 0.5 * span * gamma))}
     errors = certified_errors(rig)
-    changes = changes_on(
-        rig, contact, run, [with_error(rig, error) for error in errors.values()])
+    changes = changes_on(rig, contact, run, [with_error(rig, error) for error in errors.values()])
     # The prediction starts at rest at the zero, and a run at its first load: 2 nm at most.
     assert dict(zip(errors, changes, strict=True)) == {f'probe_gain_{number}': pytest.approx(
         gains[number - 1] * moved[number], rel=1e-3, abs=2e-9) for number in rig.probes.present}

@@ -139,8 +139,7 @@ def mdf4_bytes(start: int, table: np.ndarray, zipped: bool) -> bytes:
 WRITERS: dict[str, tuple[str, Callable[..., str]]] = {
     'CSV': ('a.csv', write_csv), 'TDMS': ('a.tdms', write_tdms), 'MAT 5': ('a.mat', write_mat5),
     'MAT 7.3': ('b.mat', write_mat73), 'HDF5': ('a.h5', write_hdf5), 'MDF4': ('a.mf4', write_mdf4),
-    'MDF4 plain': ('a.mf4', partial(write_mdf4, zipped=False)),
-}
+    'MDF4 plain': ('a.mf4', partial(write_mdf4, zipped=False))}
 
 
 def map_text(time: str, **changes: Any) -> str:

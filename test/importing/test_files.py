@@ -197,8 +197,7 @@ DAMAGED_MATLAB = _FILE.getvalue()[:400] + bytes(60) + _FILE.getvalue()[460:]
     (b'MDF     3.30    ' + bytes(60), 'is of MDF version 3.30'),
     (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or not an HDF5 file'),
     (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
-    (DAMAGED_MATLAB, 'is damaged'), (None, 'cannot be read'),
-])
+    (DAMAGED_MATLAB, 'is damaged'), (None, 'cannot be read')])
 def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, content, words) -> None:
     path = tmp_path / 'a.dat'
     if content is None:

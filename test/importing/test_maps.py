@@ -27,8 +27,7 @@ from saddlering_ros.rig import default_rig
      lambda v: (1.0 + v * (2.0 + v * 0.5)) * 1000.0),
     ({'unit': 'bar', 'piston_area': 0.0123}, lambda v: v * 1e5 * 0.0123),
     ({'unit': 'bar', 'piston_area': 0.0123, 'rod_pressure': 'w', 'rod_area': 0.0085},
-     lambda v: v * 1e5 * 0.0123 - cells(plain_table(), 'w') * 1e5 * 0.0085),
-])
+     lambda v: v * 1e5 * 0.0123 - cells(plain_table(), 'w') * 1e5 * 0.0085)])
 def test_a_load_is_its_calibration_in_si_to_the_last_bit(tmp_path, entry, expected) -> None:
     convert(tmp_path, plain_table(), document({'column': 'F', **entry}))
     assert np.array_equal(readings(tmp_path), expected(cells(plain_table(), 'F')))
@@ -81,8 +80,7 @@ EIGHT = 1_795_161_600_000_000_000
     ({'column': 'd', 'unit': 's'},
      {'d': [f'1795161600.{i:02d}0000001' for i in range(ROWS)]}, EIGHT + 1),
     ({'column': 'd', 'unit': 'ms', 'start': '2026-11-20T08:00:00Z'},
-     {'d': [str(10 * i) for i in range(ROWS)]}, EIGHT),
-])
+     {'d': [str(10 * i) for i in range(ROWS)]}, EIGHT)])
 def test_every_way_to_state_the_time_gives_the_same_stamps(tmp_path, time, columns, first):
     convert(tmp_path, plain_table(**columns), document(time=time))
     assert np.array_equal(map_documents.stamps(tmp_path), first + np.arange(ROWS) * 10_000_000)
@@ -114,8 +112,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(tmp_path, time, colum
     (document(split={'by': 'gaps'}), 'give column or gap'),
     (document(csv={'first_line': 'two'}), "csv.first_line is 'two': give a number"),
     ({'time': TIME}, 'channels: is missing'),
-    ([1], 'is not a map'),
-])
+    ([1], 'is not a map')])
 def test_a_map_that_leaves_something_open_is_refused(tmp_path, map_, words) -> None:
     assert words in map_documents.refusal(tmp_path, map_)
 

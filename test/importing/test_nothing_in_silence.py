@@ -204,8 +204,7 @@ def packed_zeros(size: int) -> bytes:
 @pytest.mark.parametrize(('wrong', 'said'), [
     ('scale: 0.0002, ', 'check unit and scale of the probes'),
     ('piston_area: 0.0000123}', 'looks like kilonewtons'),
-    ('scale: -0.2, ', 'polarity'),
-])
+    ('scale: -0.2, ', 'polarity')])
 def test_an_import_says_what_info_and_the_rig_file_say(tmp_path, capsys, wrong, said) -> None:
     key = wrong.partition(':')[0]
     text = (DATA / 'map_static_30.yaml').read_text()
@@ -245,8 +244,7 @@ def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
     (lambda cell: cell if ':' in cell or cell.count('.') == 2 else 'NaN', 'has no sample'),
     (lambda cell: cell if ':' in cell or cell.count('.') == 2 else f'~{cell}',
      "first '~1."),
-    (lambda cell: None, 'has no data from line 6 on'),
-])
+    (lambda cell: None, 'has no data from line 6 on')])
 def test_a_file_that_is_not_as_its_map_states_is_told_what_and_not_to_state_it(
         tmp_path, capsys, change, said: str) -> None:
     lines = (DATA / 'static_30.csv').read_text('latin-1').splitlines()

@@ -24,13 +24,11 @@ def test_a_gap_is_shown_in_millimetres_with_its_margin_to_the_nearer_end(gap, ma
 def test_load_and_elevation_are_in_the_units_of_the_rig_room():
     found = Gauges()
     found.push('load', 12.5 * TONNE)
-    assert found.as_page(50.0)['load'] == {
-        't': 12.5, 'kN': 122.58, 'is_old': False}
+    assert found.as_page(50.0)['load'] == {'t': 12.5, 'kN': 122.58, 'is_old': False}
     assert found.as_page(50.0)['elevation'] == {
         'deg': 50.0, 'is_measured': False, 'is_old': False}
     found.push('elevation', math.radians(49.7))
-    assert found.as_page(50.0)['elevation'] == {
-        'deg': 49.7, 'is_measured': True, 'is_old': False}
+    assert found.as_page(50.0)['elevation'] == {'deg': 49.7, 'is_measured': True, 'is_old': False}
 
 
 def test_a_reading_that_is_old_stays_and_is_marked_as_the_last_one(monkeypatch):

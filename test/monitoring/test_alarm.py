@@ -229,8 +229,7 @@ def test_a_short_rest_and_a_rest_after_a_movement_are_reported():
     short.reset()  # which leaves what is true of the whole record
     assert len(short.lapses) == 1
     assert not watch(monitor(), record(size=0.0)[500:]).lapses  # the 2 s that the note asks for
-    moving = record(size=0.0, load=lambda time: 1e5 * np.clip(
-        np.abs(time - 6.0) - 2.0, 0.0, 1.0))
+    moving = record(size=0.0, load=lambda time: 1e5 * np.clip(np.abs(time - 6.0) - 2.0, 0.0, 1.0))
     late = watch(monitor(), moving[1600:])
     assert 'after a movement' in late.lapses[0].reason
 

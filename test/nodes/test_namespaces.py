@@ -101,8 +101,7 @@ OWN, OTHERS = {
     '/rig1': ('/rig1/ring_displacement: zero', '/rig1/left/daq: x', 'daq: temperature'),
 }, {
     '': ('/rig1/ring_displacement: zero', '/rig2/daq: temperature'),
-    '/rig1': ('/rig10/ring_displacement: zero', '/rig2/daq: temperature', 'ring_alarm: alarm'),
-}
+    '/rig1': ('/rig10/ring_displacement: zero', '/rig2/daq: temperature', 'ring_alarm: alarm')}
 
 
 @pytest.mark.ros

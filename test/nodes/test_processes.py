@@ -32,8 +32,7 @@ REFUSED: list[tuple[str, dict[str, object], str]] = [
     ('ring_displacement', {'rig.probes.axial_span': 1.2}, 'is missing: add this section'),
     ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),
     ('ring_simulator', {'contact.K1': 8.0e7}, 'contact.n1 is missing'),
-    ('ring_simulator', {'contact.K1': 8.0e7, 'parameters_file': 'p.yaml'}, 'give one of them'),
-]
+    ('ring_simulator', {'contact.K1': 8.0e7, 'parameters_file': 'p.yaml'}, 'give one of them')]
 
 
 def test_what_cannot_be_used_is_refused_in_one_line_with_status_2() -> None:

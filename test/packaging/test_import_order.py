@@ -41,8 +41,7 @@ def test_a_layer_imports_only_those_below_it(layer):
 @pytest.mark.parametrize(('layer', 'forbidden'), [
     ('virtual_rig', {'ring', 'effects', 'estimation', 'identification'}),
     ('discrepancy', {'rig', 'ring', 'effects', 'record', 'bags', 'identification'}),
-    ('estimation', {'ring', 'effects', 'discrepancy', 'identification'}),
-])
+    ('estimation', {'ring', 'effects', 'discrepancy', 'identification'})])
 def test_a_border_is_not_crossed(layer, forbidden):
     assert forbidden <= set(layers())
     assert not [(path, name) for path, name in imports_of(layer) if name in forbidden]

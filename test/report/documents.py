@@ -22,14 +22,12 @@ def document(verdict='named', **changes):
         'effect': 'radial_friction', 'group': ['radial_friction'],
         'parameters': {'force': {'value': 9e3, 'std': 35.0, 'unit': 'N'}},
         'evidence': {'p_value': 1e-20, 'delta_bic': 4e5},
-        'gain': {'fit': 0.93, 'held_out': 0.94}, 'share_of_range': 0.06,
-    }
+        'gain': {'fit': 0.93, 'held_out': 0.94}, 'share_of_range': 0.06}
     runs = [
         {'bag': f'/bags/static_{degrees}', 'elevation_deg': float(degrees), 'test': 'static',
          'held_out': degrees == 70,
          'channels': {name: channel(0.06, 0.002) for name in CHANNELS}}
-        for degrees in (50, 70)
-    ]
+        for degrees in (50, 70)]
     values = {'K1': 1.3e8, 'n1': 1.11, 'D1': 3e6, 'K2': 1.3e8, 'n2': 1.11, 'D2': 3e6}
     after = {**values, **{f'{name}_std': 0.01 * value for name, value in values.items()}}
     shapes = [{'channel': 'delta_x', 'coordinate': 'direction', 'p_value': 1e-9,
@@ -47,8 +45,7 @@ def document(verdict='named', **changes):
         'detection_limits': [{'effect': 'radial_friction', 'limit': 100.0, 'best_limit': 80.0,
                               'material_limit': 50.0, 'places': [],
                               'unit': 'N', 'share': 0.6, 'testable': True}],
-        'immaterial': [], 'notes': ['one run only'], 'seed': 0, 'seconds': 1.0, **changes,
-    }
+        'immaterial': [], 'notes': ['one run only'], 'seed': 0, 'seconds': 1.0, **changes}
 
 
 def run_curves(test='static', degrees=50.0, *, held_out=False):
@@ -64,8 +61,7 @@ def run_curves(test='static', degrees=50.0, *, held_out=False):
         name=f'{test}_{degrees:g}', test=test, elevation_deg=degrees, held_out=held_out,
         time=time, width=np.full(80, 0.1), load=25 * TONNE * share, direction=direction,
         measured=plain + loop + noise, before=plain, after=plain + loop,
-        noise=dict.fromkeys(CHANNELS, NOISE),
-    )
+        noise=dict.fromkeys(CHANNELS, NOISE))
 
 
 def record(**changes):

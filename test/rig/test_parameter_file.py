@@ -70,8 +70,7 @@ CONTACT = 'contact: {K1: 1e8, n1: 1.1, D1: 3e6, K2: 1e8, n2: 1.1, D2: 3e6}'
     (CONTACT.replace('3e6', '.nan', 1), 'contact.D1 is nan'),
     (CONTACT + '\n    effects: [1]', 'effects'),
     (CONTACT + '\n    effects: {settling: {amount: much}}', 'effects.settling.amount'),
-    (CONTACT + '\n    source: {covariance: [1, 2]}', 'source.covariance has no 36 numbers'),
-])
+    (CONTACT + '\n    source: {covariance: [1, 2]}', 'source.covariance has no 36 numbers')])
 def test_a_fault_is_told_in_one_line_with_file_and_entry(tmp_path, body, words) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    {body}\n', encoding='utf-8')

@@ -67,8 +67,7 @@ def _set(document: dict[str, Any], name: str, value: Any) -> None:
     ('bounds.K1', [1e9, 2e7], 'give [low, high] with 0 < low < high'),
     ('bounds.n1', [1.0], 'give [low, high]'),
     ('bounds.D1', 'any', 'give [low, high]'),
-    ('bounds.K3', [1.0, 2.0], 'remove them or correct their spelling'),
-])
+    ('bounds.K3', [1.0, 2.0], 'remove them or correct their spelling')])
 def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(tmp_path, name, value, words):
     document = rig_document()
     _set(document, name, value)
@@ -88,8 +87,7 @@ def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(tmp_path, name, 
     ('rig: {}', 'has no ros__parameters'),
     ('/**:\n  ros__parameters: {a: [}', 'line 2: is not YAML'),
     ('a: 2026-13-40', 'is not YAML (month must be in 1..12)'),
-    ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section'),
-])
+    ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section')])
 def test_a_file_of_another_shape_is_refused_in_one_line(tmp_path, text, words) -> None:
     path = tmp_path / 'rig.yaml'
     path.write_text(text, encoding='utf-8')
@@ -116,8 +114,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('full_scale', 'unit', 'shown'), [
     (25.0 * TONNE, 't', ('25 t', '0.5 t')), (TONNE, 't', ('1 t', '0.02 t')),
     (TONNE, 'kN', ('9.81 kN', '0.2 kN')), (400.0 * TONNE, 't', ('400 t', '8.0 t')),
-    (7.6 * TONNE, 't', ('7.6 t', '0.15 t')), (200.0, 'kN', ('0.2 kN', '0.004 kN')),
-])
+    (7.6 * TONNE, 't', ('7.6 t', '0.15 t')), (200.0, 'kN', ('0.2 kN', '0.004 kN'))])
 def test_a_small_rig_prints_its_loads_with_more_decimals(full_scale, unit, shown) -> None:
     rig = replace(default_rig(), full_scale_load=full_scale, force_unit=unit)
     assert (rig.full_scale_words, rig.force_words(0.02 * full_scale)) == shown

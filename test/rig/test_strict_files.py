@@ -38,8 +38,7 @@ def refusal(path: Path, text: str) -> str:
     ('    rig:\n', '    rig.preload: 1.0\n    rig:\n', 'rig.preload is given twice: remove one'),
     ('mass: 4079.0', 'mass: &m 4079.0\n        inertia: *m', 'holds an alias'),
     ('    bounds:', '    elevation: 3\n    bounds:', 'has unknown entries (elevation)'),
-    ('/**:', 'ring_simulator:\n  ros__parameters: {max_step: 1.0}\n/**:', 'for several nodes'),
-])
+    ('/**:', 'ring_simulator:\n  ros__parameters: {max_step: 1.0}\n/**:', 'for several nodes')])
 def test_a_fault_in_a_rig_file_is_refused_with_its_place(tmp_path, old, new, words) -> None:
     assert old in SHIPPED
     assert words in refusal(tmp_path / 'rig.yaml', SHIPPED.replace(old, new, 1))

@@ -33,8 +33,7 @@ def test_a_draft_reads_back_as_the_rig_with_what_was_stated(tmp_path: Path) -> N
 @pytest.mark.parametrize(('entry', 'words'), [
     ('axial_rows.roller=48', 'did you mean axial_rows.rollers?'),
     ('preload=much', 'give a number'),
-    ('axial_rows.rollers=2', 'give a number from 3'),
-])
+    ('axial_rows.rollers=2', 'give a number from 3')])
 def test_an_entry_that_cannot_be_stated_is_refused(entry: str, words: str) -> None:
     with pytest.raises(RigError) as caught:
         draft_rig_file(RIG, [entry])
@@ -55,8 +54,7 @@ def test_the_drawing_names_probes_with_their_signs_and_the_dimensions(tmp_path: 
 @pytest.mark.parametrize(('options', 'said'), [
     (['--draft', 'mine.yaml'], 'mine.svg: exists already'),
     (['--draft', 'new.svg'], 'new.svg: is not written as SVG'),
-    (['--draft', 'new.yaml', '--drawing', 'new.txt'], 'this kind of drawing'),
-])
+    (['--draft', 'new.yaml', '--drawing', 'new.txt'], 'this kind of drawing')])
 def test_a_draft_that_is_refused_writes_and_replaces_nothing(
         tmp_path: Path, monkeypatch, capsys, options: list[str], said: str) -> None:
     monkeypatch.chdir(tmp_path)
@@ -79,8 +77,7 @@ def test_the_drawing_leaves_out_the_probe_that_the_rig_does_not_have():
     (replace(RIG, probes=replace(RIG.probes, polarity=(1.0, -1.0, 1.0, 1.0))), 'polarity'),
     (replace(RIG, probes=replace(RIG.probes, max_range=1e-3)), 'states a range of 0 to 2 mm'),
     (replace(RIG, full_scale_load=8e5), 'full_scale_load of the rig file'),
-    (replace(RIG, preload=2e4), 'the zero, at 0.50 t, is below the preload (2.04 t)'),
-])
+    (replace(RIG, preload=2e4), 'the zero, at 0.50 t, is below the preload (2.04 t)')])
 def test_a_bag_speaks_against_a_wrong_rig_file(rig: Rig, words: str) -> None:
     found = [*map(str, check_rig(rig, read_raw(BAG), read_run(BAG, rig=rig)))]
     assert any(words in line for line in found)

@@ -105,8 +105,7 @@ def roller_loads(rig: Rig, contact: ContactParameters, q: Floats) -> tuple[Float
     still = np.zeros(3)
     upper, lower, middle = (
         unit_force(row.direction @ q - row.gap, row.direction @ still, row.stiffness, row.exponent,
-                   row.damping) for row in contact_rows(rig, contact)
-    )
+                   row.damping) for row in contact_rows(rig, contact))
     return upper, lower, middle
 
 

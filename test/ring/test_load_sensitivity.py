@@ -13,8 +13,7 @@ TIME = STEP * np.arange(NODES * STEPS)
 NODE_TIME = TIME.reshape(NODES, STEPS).mean(axis=1)
 LAWS = {
     'little damping': ContactParameters(9e7, 1.15, 2e4, 8e8, 1.05, 4e4),
-    'much damping': ContactParameters(9e7, 1.15, 1e7, 8e7, 1.3, 1e7),
-}
+    'much damping': ContactParameters(9e7, 1.15, 1e7, 8e7, 1.3, 1e7)}
 
 
 def block_means(motion: np.ndarray) -> np.ndarray:
@@ -28,8 +27,7 @@ def test_sensitivity_is_what_a_small_error_of_the_load_does(law: ContactParamete
     errors = np.random.default_rng(0).normal(0.0, 1.0, NODES)
     moved, still = (
         dynamic_batch(RIG, law.to_array()[None], 0.9, TIME, own, STEP)[0]
-        for own in (load + np.interp(TIME, NODE_TIME, errors), load)
-    )
+        for own in (load + np.interp(TIME, NODE_TIME, errors), load))
     expected = load_sensitivity(RIG, law, 0.9, TIME, load, NODES) @ errors
     for row, seen in zip(expected, block_means(moved - still), strict=True):
         assert np.std(row - seen) < 0.1 * np.std(seen)

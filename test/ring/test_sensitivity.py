@@ -77,8 +77,7 @@ def assert_tangents_are_differences(
     found = Neighbourhoods(RIG, [(centre, pair)]).along(
         ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
     largest = np.abs(more - less).max()
-    assert found[0] - found[1] == pytest.approx(
-        more - less, abs=5e-3 * largest + 1e-14), where
+    assert found[0] - found[1] == pytest.approx(more - less, abs=5e-3 * largest + 1e-14), where
 
 
 def test_radial_friction_takes_its_load_at_rest_and_pushes_no_ring_through_its_clearance() -> None:

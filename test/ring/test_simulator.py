@@ -146,8 +146,7 @@ def test_no_step_fails_over_the_box_even_with_coarse_noisy_samples() -> None:
 @pytest.mark.parametrize(('time', 'load', 'words'), [
     ([0.0, 1.0], [1.0, np.nan], 'not finite'),
     ([0.0, 1.0, 0.5], [1.0, 1.0, 1.0], 'does not rise at sample 2'),
-    ([], [], 'do not fit'),
-])
+    ([], [], 'do not fit')])
 def test_a_record_that_cannot_be_simulated_is_refused_in_one_line(time, load, words) -> None:
     with pytest.raises(SimulationError, match=words):
         simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, time, load)
@@ -156,8 +155,7 @@ def test_a_record_that_cannot_be_simulated_is_refused_in_one_line(time, load, wo
 @pytest.mark.parametrize(('elevation', 'load', 'words'), [
     (np.nan, 5.0 * TONNE, 'elevation is nan'),
     (0.9, np.nan, 'load 1 is nan'),
-    (0.9, np.inf, 'load 1 is inf'),
-])
+    (0.9, np.inf, 'load 1 is inf')])
 def test_equilibrium_is_refused_at_an_elevation_or_load_that_is_no_number(elevation, load, words):
     with pytest.raises(SimulationError, match=words):
         static_batch(RIG, TRUE_TO_SCALE.to_array()[None], elevation, [RIG.preload, load])
@@ -178,8 +176,7 @@ def test_an_equilibrium_is_found_everywhere_in_the_box() -> None:
 @pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(('argument', 'words'), [
     ('elevation', 'elevation is'), ('time', 'not finite'), ('load', 'not finite'),
-    ('zero_load', 'zero load is'), ('max_step', 'longest step is'),
-])
+    ('zero_load', 'zero load is'), ('max_step', 'longest step is')])
 def test_a_batch_is_refused_where_an_argument_is_no_finite_number(argument, words, wrong) -> None:
     time, load = dynamic_record(0.1)
     arguments = {'elevation': 0.9, 'time': time, 'load': load}

@@ -106,8 +106,7 @@ def test_a_request_takes_main_parameter_named_parameter_and_form():
     (['film_creep=nan'], [], 'finite'),
     (['probe_gain.probe=5'], [], '1, 2, 3, 4'),
     (['film_creep=0.1'], ['film_creep=square'], 'one_time, two_times'),
-    (['film_creep=0.1'], ['settling=late'], 'given by|one of the effects'),
-])
+    (['film_creep=0.1'], ['settling=late'], 'given by|one of the effects')])
 def test_a_request_that_makes_no_sense_is_answered_in_one_line(texts, forms, said):
     with pytest.raises(VirtualRigError) as caught:
         parse_requests(texts, forms)

@@ -54,8 +54,7 @@ def test_an_existing_bag_is_kept_unless_told_otherwise(tmp_path, capsys):
     (['--load-step', '2'], 'static'),
     (['--rate', '0'], 'rate'),
     (['--seed', '-3'], 'seed'),
-    (['--rig', 'missing.yaml'], 'missing.yaml'),
-])
+    (['--rig', 'missing.yaml'], 'missing.yaml')])
 def test_bad_arguments_get_one_line_and_leave_nothing(tmp_path, capsys, arguments, said):
     assert main(['generate', str(tmp_path / 'run'), *QUICK, *arguments]) == 2
     complaint = capsys.readouterr().err

@@ -125,8 +125,7 @@ def test_a_faster_ramp_reaches_the_same_peak():
     lambda: static_schedule(RIG, cycles=0), lambda: dynamic_schedule(RIG, speed=0.0),
     lambda: dynamic_schedule(RIG, duration=float('nan')),
     lambda: replace(SHORT, rate=0.0), lambda: replace(SHORT, seed=-1),
-    lambda: replace(SHORT, rate=99e3, schedule=static_schedule(RIG)),
-])
+    lambda: replace(SHORT, rate=99e3, schedule=static_schedule(RIG))])
 def test_a_test_that_cannot_be_carried_out_is_refused_in_one_line(make):
     with pytest.raises(VirtualRigError) as caught:
         make()
