@@ -43,8 +43,7 @@ __all__ = [
     'IdentificationResult', 'IdentificationSettings', 'ParameterSet', 'Progress', 'Rig',
     'SaddleringError', 'SwarmSettings', 'ValidationResult', '__version__', 'compare',
     'diagnose', 'displacement', 'identify', 'load_rig', 'read_bag', 'read_parameters',
-    'residual', 'show_progress', 'simulate', 'validate',
-]
+    'residual', 'show_progress', 'simulate', 'validate']
 
 
 def __getattr__(name: str) -> Any:

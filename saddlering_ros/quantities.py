@@ -174,8 +174,7 @@ def finite_json(value: Any) -> Any:
 VERDICT_WORDS = {
     'none': 'these data show no cause', 'named': 'the cause is identified',
     'ambiguous': 'several causes explain the misfit',
-    'unknown': 'no known cause explains the misfit',
-}
+    'unknown': 'no known cause explains the misfit'}
 """A verdict in words: console, report, and the page of any simulator."""
 
 

@@ -334,8 +334,7 @@ class DiagnosisResult(ParametricResult):
             'probabilities': lambda: {
                 'outcome': list(said.get('probabilities') or {}),
                 'probability': list((said.get('probabilities') or {}).values())},
-            'curves': lambda: curve_columns(curves_of(self.found)),
-        }
+            'curves': lambda: curve_columns(curves_of(self.found))}
 
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""

@@ -320,8 +320,7 @@ class BagInfo:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text, NaN as None, for JSON."""
-        return dict(finite_json(
-            {**asdict(self), 'path': str(self.path), 'usable': self.usable}))
+        return dict(finite_json({**asdict(self), 'path': str(self.path), 'usable': self.usable}))
 
 
 def bag_info(

@@ -34,8 +34,7 @@ LAYOUTS: dict[str, tuple[tuple[str, str], ...]] = {
         ('delta_x', 'f8'), ('delta_y', 'f8'), ('gamma', 'f8'), ('parity', 'f8'),
         ('zero_stamp.sec', 'i4'), ('zero_stamp.nanosec', 'u4'), ('zero_load', 'f8'),
         ('elevation', 'f8'), ('validity', 'u1'), ('zero_duration', 'f8'),
-        *((f'covariance.{place}', 'f8') for place in range(16))),
-}
+        *((f'covariance.{place}', 'f8') for place in range(16)))}
 """Fields after the header by message type, in the order of the message's definition. The name of a
 field is its path in the message; kinds are those of NumPy."""
 

@@ -29,8 +29,7 @@ ROLES = (FIT, HOLD_OUT, SKIP)
 
 COLUMNS = (
     'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',
-    'maintenance', 'base', 'note', 'sha256',
-)
+    'maintenance', 'base', 'note', 'sha256')
 YES = ('1', 'true', 'yes')
 CORRECTED = b'corrected'
 """Key in manifest.parquet of a grouping that a person has made."""

@@ -25,13 +25,11 @@ GROUP = 500
 _TEXT, _NUMBER = pyarrow.string(), pyarrow.float64()
 _SESSION = [
     ('key', _TEXT), ('session', _TEXT), ('ring', _TEXT), ('bench', _TEXT),
-    ('time', pyarrow.timestamp('ms', tz='UTC')), ('service_hours', _NUMBER),
-]
+    ('time', pyarrow.timestamp('ms', tz='UTC')), ('service_hours', _NUMBER)]
 _CAUSE = pyarrow.struct([
     ('effect', _TEXT), ('group', pyarrow.list_(_TEXT)), ('size', _NUMBER), ('std', _NUMBER),
     ('unit', _TEXT), ('p_value', _NUMBER), ('misfit_reduction', _NUMBER),
-    ('misfit_reduction_held_out', _NUMBER), ('partial', pyarrow.bool_()),
-])
+    ('misfit_reduction_held_out', _NUMBER), ('partial', pyarrow.bool_())])
 VERDICTS = pyarrow.schema([
     *_SESSION, ('maintenance', pyarrow.bool_()), ('status', _TEXT), ('kind', _TEXT),
     ('reason', _TEXT), ('verdict', _TEXT), ('causes', pyarrow.list_(_CAUSE)),
@@ -39,16 +37,13 @@ VERDICTS = pyarrow.schema([
     ('change', _TEXT), ('change_headline', _TEXT), ('change_causes', pyarrow.list_(_CAUSE)),
     ('next_test', _TEXT), ('report', _TEXT), ('bags', pyarrow.list_(_TEXT)),
     ('bag_sha256', pyarrow.list_(_TEXT)), ('rig_file', _TEXT), ('rig_sha256', _TEXT),
-    ('code', _TEXT), ('seed', pyarrow.int64()), ('seconds', _NUMBER),
-])
+    ('code', _TEXT), ('seed', pyarrow.int64()), ('seconds', _NUMBER)])
 PARAMETERS = pyarrow.schema([
     *_SESSION, ('parameter', _TEXT), ('value', _NUMBER), ('std', _NUMBER),
-    ('covariance', pyarrow.list_(_NUMBER)),
-])
+    ('covariance', pyarrow.list_(_NUMBER))])
 LIMITS = pyarrow.schema([
     *_SESSION, ('effect', _TEXT), ('limit', _NUMBER), ('material_limit', _NUMBER),
-    ('unit', _TEXT), ('testable', pyarrow.bool_()),
-])
+    ('unit', _TEXT), ('testable', pyarrow.bool_())])
 
 def results_of(
     store: Store, tasks: Iterable[SessionTask]

@@ -182,8 +182,7 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
         'covariance': None if covariance is None else covariance.tolist(),
         'report': report,
         'change': None if not bags[BASE] else change_since(
-            bags[BASE], [*bags[FIT], *bags[HOLD_OUT]], rig, task.seed),
-    }
+            bags[BASE], [*bags[FIT], *bags[HOLD_OUT]], rig, task.seed)}
 
 
 def change_since(base: Sequence[str], bags: Sequence[str], rig: Rig, seed: int) -> dict[str, Any]:

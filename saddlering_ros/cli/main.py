@@ -30,8 +30,7 @@ Run = Callable[[argparse.Namespace], int]
 
 UNUSABLE_FILE = frozenset({
     errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EEXIST,
-    errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP,
-})
+    errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP})
 """Operating system errors that mean the user named a file that cannot be used."""
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})

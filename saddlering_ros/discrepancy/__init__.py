@@ -64,5 +64,4 @@ __all__ = [
     'SizeEntry', 'System', 'SystemWithTangents', 'Term',
     'check', 'describe', 'diagnose', 'diagnose_system', 'direction_of', 'model_error_columns',
     'noise_metric', 'nuisance_columns', 'observed', 'prepare', 'probabilities_of',
-    'refits_to_held_out', 'space_beside_error', 'tangent', 'wording',
-]
+    'refits_to_held_out', 'space_beside_error', 'tangent', 'wording']

@@ -23,8 +23,7 @@ from saddlering_ros.rig import Rig
 __all__ = [
     'NO_EXTENSION', 'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'LawEffect',
     'OwnParameter', 'RingEffect', 'RingExtension', 'Variant', 'catalogue', 'effect',
-    'extension_of', 'laws_of', 'own_files', 'own_parameters', 'use_folder',
-]
+    'extension_of', 'laws_of', 'own_files', 'own_parameters', 'use_folder']
 
 FOLDER_VARIABLE = 'SADDLERING_EFFECTS'
 """Environment variable that holds the folder of the user's own effects."""

@@ -49,8 +49,7 @@ RIG_TESTS = (
     RigTest('heights', 'Measure the heights of the loading axis and of probes 1 and 3 over the '
             'mid-plane of the ring.', 'heights as in the rig file'),
     RigTest('other_gap', 'Set the gap of the probe wider at zero load and repeat the static test.',
-            'the same misfit'),
-)
+            'the same misfit'))
 """Order of preference among tests that separate as much."""
 
 
@@ -327,8 +326,7 @@ def probe_variants(more: Mapping[str, float] | None = None,
     return tuple(
         Variant(f'probe {probe}{words}', {'probe': float(probe), **(more or {})},
                 ('delta_x', 'parity') if probe in (1, 3) else ('delta_y', 'gamma'))
-        for probe in (1, 2, 3, 4)
-    )
+        for probe in (1, 2, 3, 4))
 
 
 class ProbeEffect(RingEffect):

@@ -21,8 +21,7 @@ class WornSectorAxial(WornSector):
     parameters = base.arc_parameters(centre=1.2)
     variants = tuple(
         Variant(f'{row_label}, {kind_label}', {'row': row, 'kind': kind})
-        for row, row_label in ROWS for kind, kind_label in KINDS
-    )
+        for row, row_label in ROWS for kind, kind_label in KINDS)
     choices = (Choice('row', tuple(row for row, _ in ROWS), '0 both rows, 1 upper, 2 lower'),
                *WornSector.choices)
 

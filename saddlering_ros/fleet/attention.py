@@ -254,8 +254,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
             'A drift of stiffness and damping by the same share can be a drift of the load cell. '
             'Then both are listed, and a dead weight on the load cell tells them apart.',
             'Remaining life is given only for a significant drift whose predictions of the next '
-            'session were correct.'])),
-    ])
+            'session were correct.']))])
 
 
 def _attention(ring: RingJudgement) -> list[str | html.Cell]:

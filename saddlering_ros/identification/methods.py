@@ -418,8 +418,7 @@ def _beside_errors(search: _Search, found: Identification) -> FittedLaw | None:
     noise of the load cell and sensitivities are those of the law before, in PASSES.
     """
     law, reached = found.contact, found.chi_square
-    space = search.space(
-        PARAMETER_NAMES if search.has_dynamic else STATIC_NAMES, law, log=True)
+    space = search.space(PARAMETER_NAMES if search.has_dynamic else STATIC_NAMES, law, log=True)
     seed, usual = search.settings.seed, usual_errors(search.rig)
     for number in range(PASSES):
         contact = law.to_array()

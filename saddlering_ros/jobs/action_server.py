@@ -81,8 +81,7 @@ class ActionNode(Node):
         parameters.NodeParameter(
             'longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted', low=1.0,
             high=1e7),
-        parameters.HARDWARE_ID,
-    )
+        parameters.HARDWARE_ID)
 
     def __init__(self) -> None:
         super().__init__(self.NODE)

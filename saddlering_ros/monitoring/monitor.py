@@ -326,8 +326,7 @@ FOLLOWS = {
     'unclear': (
         'the difference follows neither load, rate, direction nor time',
         'none of load, rate, direction and time alone: record the test and run `saddlering '
-        'diagnose`'),
-}
+        'diagnose`')}
 """What a residual follows, in words, and the frequent causes of one that does."""
 
 MIN_BLOCKS = 10

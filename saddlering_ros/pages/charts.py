@@ -327,8 +327,7 @@ def chart_of(chart: Chart) -> Plotly:
         'font': {'size': 12, 'color': INK}, 'hoverlabel': {'align': 'left'},
         'legend': {'orientation': 'h', 'x': 0.5, 'xanchor': 'center', 'y': 0.0,
                    'yanchor': 'bottom', 'yref': 'container'},
-        'showlegend': bool(chart.named),
-    }
+        'showlegend': bool(chart.named)}
     traces: list[Plotly] = []
     shown, first_of_column = set[str](), dict[int, str]()
     for number, panel in enumerate(chart.panels, start=1):

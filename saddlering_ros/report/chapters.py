@@ -115,8 +115,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
         html.table(['alternatives for these data', 'id', number('alone at first (ΔBIC)'),
                     'measurement that tells them apart'], [] if is_alone else alike),
         html.paragraph(f'To confirm it: {effect.settled_by}'
-                       if effect is not None and is_alone and not is_next else '', 'note'),
-    ])
+                       if effect is not None and is_alone and not is_next else '', 'note')])
 
 
 FROM_ZERO = 'Counted from the zero of the run. '
@@ -150,8 +149,7 @@ def misfit(document: VerdictDocument) -> str:
              number('extended model'), number('noise floor')], rows,
             f"Rms misfit over the channel's range in that run. {FROM_ZERO}Small errors of the "
             'ring are a part of it, and no part of the rest that fits no cause. Parity is zero '
-            f'for a rigid ring: its range is noise, so that its shares are large. {RED}')),
-    )
+            f'for a rigid ring: its range is noise, so that its shares are large. {RED}')))
 
 
 def paper_split(curves: Sequence[RunCurves]) -> str:
@@ -401,8 +399,7 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
             '95 % interval', 'bias removed', 'bias / std')), ''], rows),
         correlation(covariance),
         html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
-                       'together.', 'note'),
-    )
+                       'together.', 'note'))
 
 
 def interval(name: str, value: float, std: float | None) -> str:

@@ -82,8 +82,7 @@ def diagnosis_page(
         chapters.detection_limits(document),
         quality,
         chapters.notes(document),
-        reproduction(document, command, curves_file),
-    ])
+        reproduction(document, command, curves_file)])
 
 
 def write_validation_report(
@@ -112,8 +111,7 @@ def write_validation_report(
         chapters.residual_map(curves),
         chapters.residuals(curves),
         data_quality(runs, rig),
-        reproduction(validation.to_json(), command, beside.name),
-    ]))
+        reproduction(validation.to_json(), command, beside.name)]))
     write_csv(beside, figures.curve_columns(curves), ReportError)
     return Path(path), beside
 
@@ -232,8 +230,7 @@ def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
             f'<div role="img" aria-label="Drawing of the rig with probes and signs">{svg}</div>',
             html.table(['entry of the rig file (SI units)', number('value'), 'meaning'], [
                 [code(name), str(value), words] for (name, words), value in zip(
-                    ENTRIES, entry_values(rig).values(), strict=True)], f'Rig hash {digest}')),
-    ])
+                    ENTRIES, entry_values(rig).values(), strict=True)], f'Rig hash {digest}'))])
 
 
 def data_quality(runs: Sequence[Record], rig: Rig) -> str:
@@ -432,8 +429,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
         html.section('Smallest change that these sessions could show', html.table(
             ['cause', number('change'), number('in the later session alone')], limits)),
         html.section('Notes', html.bullets(change.notes)),
-        html.section('Command', html.commands([command])) if command else ''
-    ]))
+        html.section('Command', html.commands([command])) if command else '']))
 
 
 def _maker_table(change: Change) -> tuple[str, list[list[str]]]:

@@ -21,5 +21,4 @@ __all__ = [
     'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'ContactParameters', 'Displacement',
     'Instruments', 'ParameterSet', 'ParameterSource', 'Rig', 'RigError', 'RollerRow',
     'default_rig', 'load_rig', 'probes_to_displacement', 'read_parameters', 'short_digest',
-    'write_parameters',
-]
+    'write_parameters']

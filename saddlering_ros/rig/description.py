@@ -159,8 +159,7 @@ def default_rig() -> Rig:
         trunnion=Trunnion(x=0.15, y=1.00),
         probes=Probes(axial_span=1.30, radial_height=0.0, polarity=(1.0, 1.0, 1.0, 1.0),
                       min_range=0.0, max_range=2e-3),
-        preload=4903.325,
-    )
+        preload=4903.325)
 
 
 class _Section:

@@ -173,8 +173,7 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('preload', 'N: at this load displacements are zero'),
     ('full_scale_load', 'N, of the cylinder; every limit of loads is a share of it'),
     ('full_scale_time', 's: a change by full scale in less time is impossible and is refused'),
-    ('force_unit', 't or kN: unit in which loads are printed'),
-)
+    ('force_unit', 't or kN: unit in which loads are printed'))
 """Every entry of the section `rig` in the order of the file, with its meaning."""
 
 _HEAD = """\

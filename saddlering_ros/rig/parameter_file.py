@@ -158,8 +158,7 @@ PARAMETER_NAMES: tuple[str, ...] = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
 """Order of the contact parameters in every array and covariance."""
 
 PARAMETER_UNITS: dict[str, str] = {
-    'K1': 'N/m^n', 'n1': '1', 'D1': 'N s/m', 'K2': 'N/m^n', 'n2': '1', 'D2': 'N s/m',
-}
+    'K1': 'N/m^n', 'n1': '1', 'D1': 'N s/m', 'K2': 'N/m^n', 'n2': '1', 'D2': 'N s/m'}
 
 TRUE_TO_SCALE = ContactParameters(
     K1=6e4 * 1000.0 ** (10.0 / 9.0), n1=10.0 / 9.0, D1=3e6, K2=6e4 * 1000.0 ** (10.0 / 9.0),
@@ -298,8 +297,7 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
             **{name: value for name, value in stated.items() if value not in (None, '', [])},
             'note': source.note,
             'K1_in_N_per_mm_n': stiffness_per_millimetre(contact.K1, contact.n1),
-            'K2_in_N_per_mm_n': stiffness_per_millimetre(contact.K2, contact.n2)},
-    }
+            'K2_in_N_per_mm_n': stiffness_per_millimetre(contact.K2, contact.n2)}}
     if parameters.effects:
         result['effects'] = {effect: {name: float(value) for name, value in values.items()}
                              for effect, values in parameters.effects.items()}

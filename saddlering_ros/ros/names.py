@@ -60,8 +60,7 @@ NODES = (
     NodeEntry('ring_identification', 'RingIdentificationNode', ACTION, 'bags',
               'identify_ring (action), ring/parameters'),
     NodeEntry('ring_diagnosis', 'RingDiagnosisNode', ACTION, 'bags',
-              'diagnose_ring (action), ring/parameters'),
-)
+              'diagnose_ring (action), ring/parameters'))
 
 
 def names(*kinds: str) -> tuple[str, ...]:

@@ -426,8 +426,7 @@ def make_rollers(rig: Rig, contact: ContactParameters, scatter: Scatter, seed: i
     radial = (contact.K2, contact.n2, contact.D2)
     parts = {
         'upper': _row(rig.axial_rows, axial, 1.0), 'lower': _row(rig.axial_rows, axial, -1.0),
-        'middle': _row(rig.radial_row, radial, 0.0),
-    }
+        'middle': _row(rig.radial_row, radial, 0.0)}
     spans, start = {}, 0
     for name, table in parts.items():
         spans[name] = slice(start, start + len(table))

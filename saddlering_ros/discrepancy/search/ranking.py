@@ -223,8 +223,7 @@ def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Arr
     gains = np.stack([
         2.0 * first * aim - first**2 * own + 2.0 * second * aim.T - second**2 * own.T
         - 2.0 * first * second * gram
-        for first, second in pairs
-    ])
+        for first, second in pairs])
     best = gains.argmax(axis=0)[None]
     first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
     gain, factor, other = (np.take_along_axis(one, best, 0)[0] for one in (gains, first, second))

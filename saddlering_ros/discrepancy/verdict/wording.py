@@ -74,8 +74,7 @@ def cause_lines(
         f'  {cause["title"]} [{cause["effect"]}]{standing(remainder, cause)}',
         f'    {values}',
         f'    misfit reduction {gain_words(gain["fit"], gain["held_out"], how)}; '
-        f'p {quantities.probability(cause["evidence"]["p_value"])}',
-    ]
+        f'p {quantities.probability(cause["evidence"]["p_value"])}']
     if len(cause['group']) > 1:
         lines.append('    alternatives that explain these data equally well: '
                      f'{", ".join(map(title_of, cause["group"][1:]))}')

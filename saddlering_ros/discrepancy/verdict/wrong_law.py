@@ -162,8 +162,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> tuple[dict[str, AnotherLaw], lis
         if share > MIN_FREED and bent > MIN_BENT:
             narrow[name] = AnotherLaw(along=along, predicts=share)
         elif share > TOLD_FREED:
-            sentences.append(wording.BENT_LAW.format(
-                problem.titles[name], along, percent(share)))
+            sentences.append(wording.BENT_LAW.format(problem.titles[name], along, percent(share)))
     return narrow, sentences
 
 
