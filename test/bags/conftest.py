@@ -14,7 +14,8 @@ from raw_messages import cdr
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
-from saddlering_ros.rig import default_rig, TONNE
+from saddlering_ros.rig import default_rig, Displacement, TONNE
+from saddlering_ros.rig.geometry import displacement_to_probes
 
 EPOCH = 1_700_000_000_000_000_000
 PERIOD = 2_000_000
@@ -108,6 +109,17 @@ def write_raw(
 @pytest.fixture
 def recording() -> Recording:
     return dynamic_recording()
+
+
+@pytest.fixture
+def moved(recording) -> tuple[Recording, Displacement]:
+    """A recording whose probes follow a known motion without noise, stamped with the load."""
+    load = recording.values[LOAD_TOPIC]
+    motion = Displacement(5e-10 * load, -1e-10 * load, 1e-9 * load, np.zeros_like(load))
+    increments = displacement_to_probes(default_rig().probes, motion)
+    for topic, increment in zip(PROBE_TOPICS, increments, strict=True):
+        recording = recording.changed(topic, recording.stamps[LOAD_TOPIC], 1e-3 + increment)
+    return recording, motion
 
 
 @pytest.fixture

@@ -18,8 +18,7 @@ from saddlering_ros.record.displacement import (
 )
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.rig import default_rig, Displacement, load_rig, Rig, RigError
-from saddlering_ros.rig.geometry import displacement_to_probes
+from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
 
 RIG = default_rig()
 
@@ -34,17 +33,6 @@ def written(recording, path, absent):
         path, TestMetadata('dynamic', 50.0), recording.stamps[LOAD_TOPIC],
         recording.values[LOAD_TOPIC], [recording.stamps[topic] for topic in PROBE_TOPICS],
         [recording.values[topic] for topic in PROBE_TOPICS], without(absent).probes)
-
-
-@pytest.fixture
-def moved(recording):
-    """A recording whose probes follow a known motion, stamped with the load."""
-    load = recording.values[LOAD_TOPIC]
-    motion = Displacement(5e-10 * load, -1e-10 * load, 1e-9 * load, np.zeros_like(load))
-    increments = displacement_to_probes(RIG.probes, motion)
-    for topic, increment in zip(PROBE_TOPICS, increments, strict=True):
-        recording = recording.changed(topic, recording.stamps[LOAD_TOPIC], 1e-3 + increment)
-    return recording, motion
 
 
 def test_without_a_declaration_the_bag_is_refused_and_the_line_names_the_entry(tmp_path, moved):

@@ -5,25 +5,10 @@ import pytest
 
 from saddlering_ros.bags.reader import bag_info, read_run
 from saddlering_ros.record.displacement import displacement_of_run
-from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.rig import default_rig, Displacement
-from saddlering_ros.rig.geometry import displacement_to_probes
+from saddlering_ros.record.topics import PROBE_TOPICS
+from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
-
-
-@pytest.fixture
-def moved(recording):
-    """A recording whose probes follow a known motion without noise, stamped with the load."""
-    load = recording.values[LOAD_TOPIC]
-    zero = np.zeros_like(load)
-    motion = Displacement(5e-10 * load, -1e-10 * load, 1e-9 * load, zero)
-    increments = displacement_to_probes(RIG.probes, motion)
-    for topic, polarity, increment in zip(
-            PROBE_TOPICS, RIG.probes.polarity, increments, strict=True):
-        recording = recording.changed(
-            topic, recording.stamps[LOAD_TOPIC], 1e-3 + polarity * increment)
-    return recording, motion
 
 
 def test_a_known_motion_is_measured(tmp_path, moved):

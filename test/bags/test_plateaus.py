@@ -116,13 +116,6 @@ def test_standard_errors_are_those_that_repeated_tests_show(correlation):
     assert 0.85 < spread < 1.2
 
 
-def test_ignoring_correlation_would_claim_too_much():
-    run = static_run(staircase(step=5.0), rate=50.0, correlation=0.2)
-    found = plateaus(run)
-    samples = found.stop - found.start
-    assert (standard_errors(run, found) > 3.0 * 3e-7 / np.sqrt(samples)).all()
-
-
 def test_a_short_disturbance_does_not_split_a_plateau():
     levels = staircase(step=5.0)
     run = static_run(levels, rate=100.0)

@@ -255,22 +255,15 @@ def test_a_cause_that_takes_only_a_view_with_little_misfit_is_not_the_main_one(e
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'friction')
 
 
-def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -> None:
-    assert named_beside_friction(0.06, cubic=0.8, channel='seen') == ['cubic']
-
-
-def test_a_main_cause_without_alternatives_may_have_one_with_some_beside_it() -> None:
-    assert named_beside_friction(0.2, cubic=0.8, channel='seen') == ['cubic', 'friction']
-    assert named_beside_friction(0.06, cubic=0.3, channel='seen', power=2) == []
-
-
-def test_a_main_cause_with_alternatives_has_no_other_beside_it_but_a_smaller_one() -> None:
-    assert named_beside_friction(0.3, cubic=0.25, channel='other') == ['friction']
-    assert named_beside_friction(0.3, cubic=0.3, channel='other') == []
-
-
-def test_a_cause_is_not_the_main_one_if_one_without_a_name_moves_about_as_much() -> None:
-    assert named_beside_friction(0.3, cubic=0.5, channel='other') == []
+@pytest.mark.parametrize(('friction', 'cubic', 'channel', 'power', 'named'), [
+    (0.06, 0.8, 'seen', 3, ['cubic']),  # One with alternatives takes no name from the main one,
+    (0.2, 0.8, 'seen', 3, ['cubic', 'friction']),  # which may have it beside itself,
+    (0.06, 0.3, 'seen', 2, []),
+    (0.3, 0.25, 'other', 3, ['friction']),  # and as the main one has only a smaller one.
+    (0.3, 0.3, 'other', 3, []),
+    (0.3, 0.5, 'other', 3, [])])  # One without a name moves about as much.
+def test_a_cause_with_alternatives_is_named_beside_another(friction, cubic, channel, power, named):
+    assert named_beside_friction(friction, cubic, channel, power) == named
 
 
 def test_with_laws_that_are_not_exact_unknown_says_that_no_small_errors_remain() -> None:
@@ -346,9 +339,7 @@ def test_an_error_of_an_input_is_established_alone_only() -> None:
         assert bool(established.wrong_inputs(space, fit)) is is_doubted
 
 
-def named_beside_friction(
-    friction: float, cubic: float, channel: str, power: int = 3
-) -> list[str]:
+def named_beside_friction(friction: float, cubic: float, channel: str, power: int) -> list[str]:
     """Names for a spring in a channel, and for friction in `seen`, which two effects could be."""
     def predicted(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive, speed = (np.asarray(run.inputs[name]) for name in ('drive', 'speed'))

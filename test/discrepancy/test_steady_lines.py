@@ -39,17 +39,11 @@ def test_a_line_is_found_and_measured_where_it_is(frequency: float) -> None:
     assert list(line.own) == [False, True]
 
 
-def test_a_line_of_twice_the_limit_is_always_found() -> None:
-    limit = find_line(stretches(0), 1e-3)[1]
-    assert all(
-        find_line(stretches(seed, 50.0, 2.0 * limit), 1e-3)[0] is not None for seed in range(10))
-
-
-def test_a_line_of_half_the_limit_is_seldom_found() -> None:
-    limit = find_line(stretches(0), 1e-3)[1]
-    found = [
-        find_line(stretches(seed, 50.0, 0.5 * limit), 1e-3)[0] is not None for seed in range(10)]
-    assert sum(found) <= 5
+@pytest.mark.parametrize(('times', 'least', 'most'), [(2.0, 10, 10), (0.5, 0, 5)])
+def test_a_line_of_twice_the_limit_is_always_found_and_one_of_half_seldom(times, least, most):
+    amplitude = times * find_line(stretches(0), 1e-3)[1]
+    found = [find_line(stretches(seed, 50.0, amplitude), 1e-3)[0] for seed in range(10)]
+    assert least <= sum(line is not None for line in found) <= most
 
 
 def test_a_slow_swing_is_left_to_others() -> None:

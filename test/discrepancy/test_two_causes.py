@@ -55,21 +55,13 @@ def names(found: Diagnosis) -> set[str]:
     return {cause.effect for cause in found.causes}
 
 
-def test_an_inexact_form_alone_gets_no_second_name() -> None:
-    assert names(diagnosed(0.15, late=0.3)) == {'late'}
-
-
-def test_a_small_cause_is_found_in_runs_where_a_large_one_does_nothing() -> None:
-    assert names(diagnosed(0.15, late=0.2, bend=0.4)) == {'late', 'bend'}
-
-
-def test_a_cause_is_named_where_no_form_of_a_much_larger_one_takes_its_place() -> None:
-    assert names(diagnosed(0.0, late=0.003, bend=0.4)) == {'late', 'bend'}
-
-
-@pytest.mark.parametrize('size', [0.03, -0.03])
-def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: float) -> None:
-    assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}
+@pytest.mark.parametrize(('inexact', 'sizes'), [
+    (0.15, {'late': 0.3}),  # An inexact form alone gets no second name.
+    (0.15, {'late': 0.2, 'bend': 0.4}),  # The first does nothing in one of the runs,
+    (0.0, {'late': 0.3, 'other_bend': 0.03}), (0.0, {'late': 0.3, 'other_bend': -0.03}),  # a view.
+    (0.0, {'late': 0.003, 'bend': 0.4})])  # No form of the larger one takes its place.
+def test_a_small_cause_is_named_beside_a_large_one_that_leaves_it_a_place(inexact, sizes) -> None:
+    assert names(diagnosed(inexact, **sizes)) == set(sizes)
 
 
 def test_a_cause_with_which_runs_may_be_predicted_no_better_has_no_name(monkeypatch) -> None:

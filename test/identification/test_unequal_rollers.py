@@ -183,6 +183,8 @@ def test_no_law_beside_errors_is_stated_with_a_parameter_at_its_bound():
     settings = replace(SHORT, bounds={'D2': (1e5, 2e6)})  # below the true one
     found = identify(runs_with({'cylinder_friction': {'force': 400.0}}), RIG, settings)
     assert found.at_bound['D2']
+    assert not found.determined['D2']
+    assert 'bound' in found.reasons['D2']
     assert found.beside_errors is None
 
 

@@ -37,8 +37,6 @@ def offline_displacement(record: Any, rows: slice) -> Displacements:
          zip(record.probe_stamps, record.gaps, strict=True)])
 
 
-
-
 class Goals:
     """Sends goals and waits for what comes of them.
 

@@ -60,23 +60,15 @@ def noisy_cycle() -> tuple[np.ndarray, np.ndarray]:
     return time, load + np.random.default_rng(5).normal(0.0, 50.0, time.size)
 
 
-@EXPONENTS
-def test_beyond_touch_down_damping_is_the_power_of_penetration_that_is_asked_for(exponent):
-    for p in DEPTHS[DEPTHS > contact.RAMP]:
-        expected = D * (0.3 + 0.7 * (p / 50e-6) ** exponent)
-        assert one_roller(p, 1e-3, 0.7, exponent)[2] == pytest.approx(expected, rel=1e-12)
-
-
-def growth(p: np.ndarray, exponent: float, levelling: float) -> np.ndarray:
-    """The growing part's law as it is written down, 1 at 50 um."""
-    r = 50e-6
-    return ((p / r) ** exponent * (1.0 + (r * levelling) ** exponent)
-            / (1.0 + (p * levelling) ** exponent))
+def growth(p: float, exponent: float, levelling: float | None) -> float:
+    """The growing part's law as it is written down, 1 at 50 um; None: it does not level off."""
+    r, c = 50e-6, levelling or 0.0
+    return (p / r) ** exponent * (1.0 + (r * c) ** exponent) / (1.0 + (p * c) ** exponent)
 
 
 @EXPONENTS
-@pytest.mark.parametrize('levelling', [1e3, 5e4, 2e5])
-def test_growth_levels_off_beyond_the_penetration_that_is_asked_for(levelling, exponent) -> None:
+@LEVELLINGS
+def test_damping_is_the_power_of_penetration_that_levels_off_as_asked_for(levelling, exponent):
     for p in DEPTHS[DEPTHS > contact.RAMP]:
         expected = D * (0.3 + 0.7 * growth(p, exponent, levelling))
         assert one_roller(p, 1e-3, 0.7, exponent, levelling)[2] == pytest.approx(
