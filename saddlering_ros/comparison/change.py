@@ -27,7 +27,7 @@ from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.methods import identify_plain
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
-from saddlering_ros.quantities import finite_json, told_once
+from saddlering_ros.quantities import finite_json, signed_percent, told_once
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
@@ -184,11 +184,6 @@ def compare_records(
         said.append(f'{ring_wording.wave_words(rms_of(ring.raceways))} are as far as the earlier '
                     'session shows them: the contact law before is fitted with them, and has no '
                     'interval')
-    notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
-              *rig_dimensions.certificate_notes(rig, diagnosis.causes),
-              *rig_dimensions.assumed_notes(rig),
-              *told_once((record.name, note) for record in (*before, *after)
-                         for note in record.notes)]
     contact = contact_of_sessions(diagnosis, system, estimates_of(
         law, np.full(law.size, math.nan) if ring.raceways else identified.std))
     differs, left = (sessions.left_between(diagnosis, fit.prediction, system)
@@ -199,6 +194,11 @@ def compare_records(
     if doubts and diagnosis.verdict != 'none':
         diagnosis = diagnosis.in_doubt()
     if not diagnosis.complete:
+    notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
+              *rig_dimensions.certificate_notes(rig, diagnosis.causes),
+              *rig_dimensions.assumed_notes(rig),
+              *told_once((record.name, note) for record in (*before, *after)
+                         for note in record.notes)]
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
     watch.progress('limits of the later session alone', 0.95)
@@ -275,7 +275,9 @@ def _as_change(cause: Cause) -> Cause:
                   if name != sessions.SESSION}
     if cause.effect == CONTACT_CHANGE:
         name = QUANTITIES[round(parameters.pop('quantity').value)]
-        return replace(cause, parameters={name: parameters['change']}, elsewhere=())
+        definition = replace(cause.definition, parameters={name: cause.definition.size}, starts=())
+        return replace(cause, definition=definition, parameters={name: parameters['change']},
+                       elsewhere=())
     size = cause.definition.size.name
     if cause.parameters[sessions.SESSION].value == sessions.EARLIER:
         parameters[size] = replace(parameters[size], value=-parameters[size].value)
@@ -379,7 +381,7 @@ def contact_of_sessions(
         before = earlier[parameter.name]
         # A K or D changes by the same factor about the law before as about the fitted one.
         factor = before.value / first if parameter.scale == 'log' else 1.0
-        std_of_change = factor * parameter.slope(float(ends[0, index])) * spread
+        std_of_change = factor * parameter.slope(float(ends[:, index].max())) * spread
         change = Estimate(factor * (last - first), std_of_change, parameter.unit)
         answers[parameter.name] = (
             before, replace(before, value=before.value + change.value,

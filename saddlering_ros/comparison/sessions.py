@@ -251,7 +251,9 @@ def with_main_cause(
     widened = {**cause.parameters, name: replace(size, std=std)}
     stated = replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
                      causes=(replace(cause, parameters=widened, partial=False),),
-                     complete=complete, remainder=() if complete else diagnosis.remainder)
+                     complete=complete, remainder=() if complete else diagnosis.remainder,
+                     # A session of other tests predicts the other one badly with any cause.
+                     warnings=tuple(one for one in diagnosis.warnings if 'predict' not in one))
     return replace(stated, probabilities=discrepancy.probabilities_of(
         stated.verdict, stated.causes, share))
 

@@ -3,14 +3,16 @@
 from dataclasses import replace
 import math
 import pickle
+import re
 
 from few_effects import few_effects
 import numpy as np
 import pytest
-from sessions_made import dirt, RIG, session, with_size
+from sessions_made import dirt, RIG, session, TESTS, with_size
 
 from saddlering_ros.comparison import sessions
 from saddlering_ros.comparison.change import (
+    _as_change,
     change_words,
     check_sessions,
     compare_records,
@@ -30,6 +32,7 @@ from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.methods import identify
+from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages.html import certainty, pictures_of
 from saddlering_ros.progress import one_blas_thread, Watch
 from saddlering_ros.report.reports import (
@@ -193,6 +196,10 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     assert 'changed since session 2' in page
     assert f'hash <code title="{RIG.digest}">' in page
     assert page.count('>before</td>') == page.count('>after</td>') == 2
+    sizes = re.findall(
+        '>(?:Probe gain error|Change of a contact parameter)</td><td[^>]*>([^<]*)<', page)
+    assert sizes
+    assert all(size.endswith(' %') for size in sizes), sizes  # as a diagnosis prints a share
     assert document['headline'] in change_text(change)
     assert {(panel.x_label, panel.y_label) for panel in change_chart(change).panels[:2]} == {
         ('load / t', 'δx / µm')}
@@ -247,6 +254,31 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
         cause.visible, 0.0).verdict == 'unknown', 'the interval holds no change'
     weak = replace(unsure, causes=(replace(cause, p_value=1e-3),))
     assert with_main_cause(weak, cause.visible, 0.2 * cause.visible).verdict == 'unknown'
+
+
+def test_a_change_of_a_contact_parameter_that_may_be_absent_has_an_entry(grown):
+    """The change was 'K1' and its definition 'change': a comparison ended in a KeyError."""
+    effect = next(one for one in TwoSessions(RingSystem(RIG), frozenset()).effects
+                  if one.id == sessions.CONTACT_CHANGE)
+    cause = _as_change(replace(
+        grown.diagnosis.causes[0], effect=effect.id, definition=effect, group=(effect.id,),
+        gain=Gain(0.05, None, 'none'), partial=True, parameters={
+            'change': Estimate(0.02, 0.05, '1'), 'quantity': Estimate(0.0, 0.0, ''),
+            SESSION: Estimate(LATER, 0.0, '')}))
+    assert cause.entry()['may_be_absent']
+    assert change_words(cause) == 'change of a contact parameter, K1 by +2.0 ± 5.0 %'
+
+
+def test_sessions_of_other_tests_contradict_no_verdict_and_publish_no_open_damping(monkeypatch):
+    """A cause was 'named' and 'not named' on one page, and D2 changed by (7.44 ± 0.69) × 10⁷."""
+    monkeypatch.setattr('saddlering_ros.comparison.change._limits_alone', lambda *_: {})
+    after = session(3, with_size(dirt(), 'radial_friction', 3350.0), tests=TESTS[1:])
+    with few_effects('radial_friction', 'load_gain'):
+        change = compare_records(session(2, dirt(), tests=TESTS[:1]), after, rig=RIG)
+    assert change.verdict == 'named'
+    assert not [note for note in change.notes if 'predict' in note]
+    damping = contact_words('D2', change.contact['D2'])
+    assert [words.startswith(UNDETERMINED) for words in damping] == [True] * 3
 
 
 def test_a_misfit_that_both_sessions_have_is_no_change(grown):
