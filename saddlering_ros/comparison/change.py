@@ -133,7 +133,8 @@ def change_words(cause: Cause) -> str:
     """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
     others = ' or '.join(effect for effect in cause.group if effect != cause.effect)
-    value = ring_wording.value_words(cause.effect, name, size.value, size.unit, size.std)
+    value = signed_percent(size.value, size.std) if cause.effect == CONTACT_CHANGE else (
+        ring_wording.value_words(cause.effect, name, size.value, size.unit, size.std))
     sign = '+' * (size.value > 0.0 and not value.startswith('+'))
     where = ' '.join(filter(None, (ring_wording.place_of(cause.entry()), name)))
     words = (f'{cause.definition.title.lower()}, {where} by {sign}{value}'
@@ -193,12 +194,12 @@ def compare_records(
         sessions.WAVY_DEFINITION if ring.raceways else sessions.DEFINITION)
     if doubts and diagnosis.verdict != 'none':
         diagnosis = diagnosis.in_doubt()
-    if not diagnosis.complete:
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig),
               *told_once((record.name, note) for record in (*before, *after)
                          for note in record.notes)]
+    if not diagnosis.complete:
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
     watch.progress('limits of the later session alone', 0.95)

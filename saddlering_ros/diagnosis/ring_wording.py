@@ -367,6 +367,15 @@ def value_words(
     return quantity(value, '' if unit == '1' else unit, std)
 
 
+def limit_words(effect_id: str, size: float | None, unit: str) -> str:
+    """A detection limit, which is a size of the first parameter of an effect."""
+    effect = catalogue().get(effect_id)
+    if size is None or (effect is None and unit != '1'):
+        return quantity(size, unit)
+    return quantities.signed_percent(size) if effect is None else value_words(
+        effect_id, effect.parameters[0].name, size, unit)
+
+
 def effect_rows(effects: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
     """Every 'effect.parameter' of a parameter file, and its value in a suitable unit."""
     units = {(effect.id, item.name): item.unit

@@ -273,10 +273,8 @@ def detection_limits(document: VerdictDocument) -> str:
     for entry in document.get('detection_limits') or []:
         dark, places = sum(place['limit'] is None for place in entry['places']), entry['places']
         never = f'; never in {dark} of {len(places)} configurations' if dark else ''
-        effect = catalogue().get(entry['effect'])
         limit, best, material = (
-            quantity(size, entry['unit']) if size is None or effect is None else
-            value_words(effect.id, effect.parameters[0].name, size, entry['unit'])
+            ring_wording.limit_words(entry['effect'], size, entry['unit'])
             for size in (entry['limit'], entry['best_limit'], entry['material_limit']))
         rows.append([
             ring_wording.title_of(entry['effect']), code(entry['effect']),

@@ -12,7 +12,12 @@ import numpy as np
 from saddlering_ros import quantities
 from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
-from saddlering_ros.diagnosis.ring_wording import bag_name, lowered_titles, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import (
+    bag_name,
+    limit_words,
+    lowered_titles,
+    VerdictDocument,
+)
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.discrepancy import Estimate, wording
 from saddlering_ros.errors import ReportError
@@ -399,8 +404,8 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
     contact: list[list[str | Cell]] = [
         [code(name), *contact_words(name, numbers)] for name, numbers in change.contact.items()]
     limits: list[list[str | Cell]] = [
-        [name_of(item.effect), quantity(max(item.limit, item.material_limit), item.unit),
-         quantity(change.limits_alone.get(item.effect), item.unit)]
+        [name_of(item.effect), *(limit_words(item.effect, size, item.unit) for size in (
+            max(item.limit, item.material_limit), change.limits_alone.get(item.effect)))]
         for item in change.diagnosis.observability.limits if item.testable]
     series = '' if change.series is None else html.section(
         'Series', html.paragraph(change.series.headline), html.picture(
