@@ -65,10 +65,8 @@ def did_you_mean(word: str, known: Collection[str]) -> str:
     return f': did you mean {by_lower[nearest[0]]}?' if nearest else ''
 
 
-def refuse_unknown_keys(
-    given: Iterable[object], known: Collection[str], section: str, where: str,
-    error: type[SaddleringError],
-) -> None:
+def refuse_unknown_keys(given: Iterable[object], known: Collection[str], section: str, where: str,
+                        error: type[SaddleringError]) -> None:
     """Raise `error` if `given` holds a key that is not in `known`.
 
     section: dotted name of the section, '' at the top; where: the file, for the message.

@@ -26,9 +26,8 @@ LONG_TIMES = ((172800.0, 86400.0, 'd'), (7200.0, 3600.0, 'h'), (1000.0, 60.0, 'm
 """Times [s] from which one is printed in another unit, that unit in seconds, and its sign."""
 
 
-def quantity(
-    value: float | None, unit: str = '', std: float | None = None, digits: int = 3,
-) -> str:
+def quantity(value: float | None, unit: str = '', std: float | None = None,
+             digits: int = 3) -> str:
     """'9.04 ± 0.03 kN'; a value without error (None or 0) has `digits`, no value is a dash."""
     if value is None or not math.isfinite(value):
         return '–'

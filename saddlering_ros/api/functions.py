@@ -38,15 +38,13 @@ MAX_DRAWN = 4000
 """Largest number of samples of a curve that a figure shows."""
 
 
-def identify(
-    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
-    settings: IdentificationSettings | None = None, method: str = 'default',
-    bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
-    iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
-    log_stiffness: bool = False, use_delta_y: bool | None = None,
-    seed: int = 0, trust_rig: bool = False, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> IdentificationResult:
+def identify(bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
+             settings: IdentificationSettings | None = None, method: str = 'default',
+             bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
+             iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
+             log_stiffness: bool = False, use_delta_y: bool | None = None, seed: int = 0,
+             trust_rig: bool = False, on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> IdentificationResult:
     """Identify the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
     bags: bags from `read_bag`, or paths. rig: a rig or a rig file; None for that with which the
@@ -92,11 +90,9 @@ def identify(
     return result_of(answer)
 
 
-def validate(
-    bags: BagLike | Iterable[BagLike], *, parameters: ParametersLike, rig: RigLike = None,
-    trust_rig: bool = False, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> ValidationResult:
+def validate(bags: BagLike | Iterable[BagLike], *, parameters: ParametersLike,
+             rig: RigLike = None, trust_rig: bool = False, on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> ValidationResult:
     """Compare a simulation with bags, channel by channel, and the misfit with the noise.
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
@@ -111,12 +107,10 @@ def validate(
     return ValidationResult(tuple(judged), given.rig, given.files, answer)
 
 
-def diagnose(
-    bags: BagLike | Iterable[BagLike], *, hold_out: BagLike | Iterable[BagLike] = (),
-    rig: RigLike = None, parameters: ParametersLike | None = None, seed: int = 0,
-    trust_rig: bool = False, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> DiagnosisResult:
+def diagnose(bags: BagLike | Iterable[BagLike], *, hold_out: BagLike | Iterable[BagLike] = (),
+             rig: RigLike = None, parameters: ParametersLike | None = None, seed: int = 0,
+             trust_rig: bool = False, on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> DiagnosisResult:
     """Name the cause that the simulation lacks for these bags, and measure its misfit reduction.
 
     hold_out: bags that take no part in the diagnosis; the misfit reduction is measured on them.
@@ -134,12 +128,10 @@ def diagnose(
     return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)
 
 
-def compare(
-    before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLike], *,
-    between: Sequence[Iterable[BagLike]] = (), rig: RigLike = None, seed: int = 0,
-    trust_rig: bool = False, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> ComparisonResult:
+def compare(before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLike], *,
+            between: Sequence[Iterable[BagLike]] = (), rig: RigLike = None, seed: int = 0,
+            trust_rig: bool = False, on_progress: OnProgress | None = None,
+            is_cancelled: IsCancelled | None = None) -> ComparisonResult:
     """What changed in one ring from the bags of one session to those of a later one.
 
     What both sessions have (unequal rollers, waviness, errors of the rig file and of the
@@ -226,19 +218,17 @@ class Curves(inputs.Tabular):
         spare_bags(output, str(output), [(bag_folder(self.bag.path), str(self.bag.path))])
 
 
-def displacement(
-    bag: BagLike, *, rig: RigLike = None, trust_rig: bool = False,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Curves:
+def displacement(bag: BagLike, *, rig: RigLike = None, trust_rig: bool = False,
+                 on_progress: OnProgress | None = None,
+                 is_cancelled: IsCancelled | None = None) -> Curves:
     """The measured displacement of the ring in a test; the arguments are those of `identify`."""
     return _curves('measured', measured_stretches, bag, None, rig, trust_rig, on_progress,
                    is_cancelled)
 
 
-def simulate(
-    bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None, trust_rig: bool = False,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Curves:
+def simulate(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
+             trust_rig: bool = False, on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> Curves:
     """The displacement that the model has under the load of a test.
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
@@ -247,20 +237,17 @@ def simulate(
                    on_progress, is_cancelled)
 
 
-def residual(
-    bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None, trust_rig: bool = False,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Curves:
+def residual(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
+             trust_rig: bool = False, on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> Curves:
     """Measured minus simulated displacement of a test; the arguments are those of `simulate`."""
     return _curves('measured minus simulated', residual_stretches, bag, parameters, rig,
                    trust_rig, on_progress, is_cancelled)
 
 
-def _curves(
-    kind: str, stretches_of: Callable[..., Any], bag: BagLike, parameters: ParametersLike | None,
-    rig: RigLike, trust_rig: bool, on_progress: OnProgress | None,
-    is_cancelled: IsCancelled | None,
-) -> Curves:
+def _curves(kind: str, stretches_of: Callable[..., Any], bag: BagLike,
+            parameters: ParametersLike | None, rig: RigLike, trust_rig: bool,
+            on_progress: OnProgress | None, is_cancelled: IsCancelled | None) -> Curves:
     given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
                              on_progress=on_progress, is_cancelled=is_cancelled)
     of, model = given.bags[0], [] if given.parameters is None else [given.parameters]

@@ -112,9 +112,8 @@ def frame(library: str, columns: Columns) -> Any:
                        'which gives the same as plain lists') from problem
 
 
-def columns_of(
-    rows: Sequence[Mapping[str, Any]], keys: Sequence[str] = (),
-) -> dict[str, list[Any]]:
+def columns_of(rows: Sequence[Mapping[str, Any]],
+               keys: Sequence[str] = ()) -> dict[str, list[Any]]:
     """Rows with the same keys as lists by key; keys: those of a table that may have no row."""
     return {key: [row[key] for row in rows] for key in keys or (rows[0] if rows else ())}
 
@@ -180,10 +179,8 @@ BagLike = Bag | Record | Path | str
 """A bag that was read, or the path of one."""
 
 
-def read_bag(
-    path: Path | str, *, rig: RigLike = None, test: str | None = None,
-    elevation_deg: float | None = None, on_progress: OnProgress | None = None,
-) -> Bag:
+def read_bag(path: Path | str, *, rig: RigLike = None, test: str | None = None,
+             elevation_deg: float | None = None, on_progress: OnProgress | None = None) -> Bag:
     """Read a bag once; pass the result on to `identify`, `validate` and `diagnose`.
 
     path: a rosbag2 directory or an .mcap file. rig: the rig of the recording, with which the
@@ -218,12 +215,11 @@ class Inputs:
     files: tuple[Origin, ...]
 
 
-def inputs_of(
-    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, trust_rig: bool = False,
-    hold_out: BagLike | Iterable[BagLike] = (), parameters: ParametersLike | None = None,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-    names: tuple[str, str] = ('bags', 'hold_out'),
-) -> Inputs:
+def inputs_of(bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, trust_rig: bool = False,
+              hold_out: BagLike | Iterable[BagLike] = (),
+              parameters: ParametersLike | None = None, on_progress: OnProgress | None = None,
+              is_cancelled: IsCancelled | None = None,
+              names: tuple[str, str] = ('bags', 'hold_out')) -> Inputs:
     """The inputs of a call; paths are read, one bag may stand without a list.
 
     Without `rig`, the rig is that with which the bags were read. Raises ApiError, BagError or

@@ -155,9 +155,8 @@ def _of_directory(path: Path) -> BagDirectory:
         file.name for file in files_there if file.name.removesuffix('.zstd') not in listed))
 
 
-def _with_information(
-    path: Path, files: tuple[Path, ...], information: Mapping[str, Any],
-) -> BagDirectory:
+def _with_information(path: Path, files: tuple[Path, ...],
+                      information: Mapping[str, Any]) -> BagDirectory:
     if not files:
         raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
     mode = _word(information, 'compression_mode').lower()
@@ -219,9 +218,8 @@ def custom_data_of(information: Mapping[str, Any]) -> dict[str, str]:
         if isinstance(value, (str, int, float)) and isinstance(key, str)}
 
 
-def find_metadata(
-    custom_data: Mapping[str, str], in_file: Mapping[str, str], recorder: Mapping[str, str],
-) -> TestMetadata:
+def find_metadata(custom_data: Mapping[str, str], in_file: Mapping[str, str],
+                  recorder: Mapping[str, str]) -> TestMetadata:
     """The test metadata on which the places of a bag agree.
 
     `custom_data` of metadata.yaml and `in_file`, the MCAP record `saddlering.test`, have the same

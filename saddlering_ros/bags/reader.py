@@ -28,10 +28,8 @@ from saddlering_ros.rig import load_rig, Rig
 from saddlering_ros.rig.description import OPPOSITE
 
 
-def read_raw(
-    path: Path | str, topics: Sequence[str] | None = None,
-    on_progress: OnShare = lambda share: None, rig: Rig | None = None,
-) -> RawRecord:
+def read_raw(path: Path | str, topics: Sequence[str] | None = None,
+             on_progress: OnShare = lambda share: None, rig: Rig | None = None) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
     topics: None for all of the rig. An optional topic that is missing, empty or unreadable is left
@@ -55,10 +53,8 @@ def _raw_record(scanned: Scan, wanted: Sequence[str], rig: Rig | None) -> RawRec
     return _completed(scanned, read, scanned.facts, wanted, rig)
 
 
-def _completed(
-    scanned: Scan, read: dict[str, RawTopic], facts: TestMetadata, wanted: Sequence[str],
-    rig: Rig | None,
-) -> RawRecord:
+def _completed(scanned: Scan, read: dict[str, RawTopic], facts: TestMetadata,
+               wanted: Sequence[str], rig: Rig | None) -> RawRecord:
     """The record with that of an absent probe and the optional topics, or a note on a fault."""
     notes, absent = list(scanned.notes), readings.absent_topic(rig)
     if rig is not None and absent in wanted:
@@ -73,10 +69,8 @@ def _completed(
     return RawRecord(scanned.path, read, facts, tuple(notes))
 
 
-def read_run(
-    path: Path | str, *, test: str | None = None, elevation: float | None = None,
-    rig: Rig | None = None, on_progress: OnShare = lambda share: None,
-) -> Record:
+def read_run(path: Path | str, *, test: str | None = None, elevation: float | None = None,
+             rig: Rig | None = None, on_progress: OnShare = lambda share: None) -> Record:
     """The test in the bag at `path`, aligned on the load's stamps.
 
     test and elevation [rad] replace the statements of the bag. BagError, one line, for a fault
@@ -95,9 +89,8 @@ def read_run(
     return run
 
 
-def usable_facts(
-    path: Path, stated: TestMetadata, test: str | None, elevation: float | None,
-) -> TestMetadata:
+def usable_facts(path: Path, stated: TestMetadata, test: str | None,
+                 elevation: float | None) -> TestMetadata:
     """Metadata of the bag and of the options together; BagError if they are not enough."""
     facts = stated.overruled(test, None if elevation is None else math.degrees(elevation))
     if facts.problems:
@@ -176,9 +169,8 @@ LONGEST_LEAP_NS = 3600 * 1_000_000_000
 """Jump ahead [ns] of stamps above which they were set and not measured."""
 
 
-def put_in_order(
-    where: str, stamps: Stamps, log_times: Callable[[], Stamps], values: Floats,
-) -> tuple[NDArray[np.int64] | slice, int, int]:
+def put_in_order(where: str, stamps: Stamps, log_times: Callable[[], Stamps],
+                 values: Floats) -> tuple[NDArray[np.int64] | slice, int, int]:
     """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none.
 
     Returned are the messages to keep, in order of their stamps (indices, or a slice for all), and
@@ -223,10 +215,8 @@ def _lateness(stamps: Stamps) -> NDArray[np.int64]:
     return np.maximum.accumulate(stamps) - stamps if len(stamps) else stamps
 
 
-def _check_late(
-    where: str, stamps: Stamps, log_times: Stamps,
-    lateness: NDArray[np.int64], order: NDArray[np.int64],
-) -> None:
+def _check_late(where: str, stamps: Stamps, log_times: Stamps, lateness: NDArray[np.int64],
+                order: NDArray[np.int64]) -> None:
     by_log = np.argsort(log_times, kind='stable')
     log_lateness = _lateness(stamps[by_log])
     if lateness.max() > JITTER_NS and log_lateness.max() > JITTER_NS:
@@ -323,10 +313,8 @@ class BagInfo:
         return dict(finite_json({**asdict(self), 'path': str(self.path), 'usable': self.usable}))
 
 
-def bag_info(
-    path: Path | str, *, test: str | None = None, elevation: float | None = None,
-    rig: Rig | None = None, on_progress: OnShare = lambda share: None,
-) -> BagInfo:
+def bag_info(path: Path | str, *, test: str | None = None, elevation: float | None = None,
+             rig: Rig | None = None, on_progress: OnShare = lambda share: None) -> BagInfo:
     """Examine a bag; BagError only if there is none. Arguments: as of `read_run`."""
     scanned = scan(open_directory(path), TOPICS, on_progress)
     facts = scanned.facts.overruled(test, None if elevation is None else math.degrees(elevation))
@@ -385,9 +373,8 @@ def _faults(where: str, raw: Mapping[str, RawTopic], rig: Rig) -> Iterator[str]:
             yield str(fault)
 
 
-def _topics(
-    of_bag: Scan, raw: dict[str, RawTopic], start: int | None, quality: dict[str, TopicQuality],
-) -> Iterator[TopicInfo]:
+def _topics(of_bag: Scan, raw: dict[str, RawTopic], start: int | None,
+            quality: dict[str, TopicQuality]) -> Iterator[TopicInfo]:
     """The rig's topics first, then all others by name."""
     for name in (*RIG_TOPICS, *sorted(set(of_bag.topics) - set(RIG_TOPICS))):
         if name not in of_bag.topics:

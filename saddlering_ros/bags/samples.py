@@ -76,9 +76,8 @@ def check_table_path(path: Path) -> None:
         raise BagError(f'{path}: the name ends in neither .csv nor .parquet: give one of these')
 
 
-def write_samples(
-    path: Path, parts: Iterable[Columns], provenance: Provenance | None = None,
-) -> None:
+def write_samples(path: Path, parts: Iterable[Columns],
+                  provenance: Provenance | None = None) -> None:
     """Write the stretches of a table at `path`, whole or not at all.
 
     CSV numbers have the fewest digits that give the same float. A parquet file has the provenance

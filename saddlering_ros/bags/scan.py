@@ -130,9 +130,8 @@ class Scan:
         return BagError(f'{words}; {self.readable_part}: {advice}')
 
 
-def scan(
-    directory: BagDirectory, topics: Collection[str], on_progress: OnShare = lambda share: None,
-) -> Scan:
+def scan(directory: BagDirectory, topics: Collection[str],
+         on_progress: OnShare = lambda share: None) -> Scan:
     """Read a bag, decoding the rig's `topics`; on_progress gets the share of bytes read so far."""
     result = Scan(directory)
     whole = max(1, directory.size)
@@ -152,10 +151,8 @@ def scan(
     return result
 
 
-def _scan_file(
-    result: Scan, path: Path, topics: Collection[str], records: dict[str, str],
-    recorder: dict[str, str], on_bytes: Callable[[float], None],
-) -> None:
+def _scan_file(result: Scan, path: Path, topics: Collection[str], records: dict[str, str],
+               recorder: dict[str, str], on_bytes: Callable[[float], None]) -> None:
     before, size = result.size, path.stat().st_size
     result.size += size
     with folder.plain_file(path) as plain:
@@ -260,9 +257,8 @@ def fault_of(channel: McapChannel, topic: RigTopic) -> str:
             'with the messages of ROS 2 Jazzy')
 
 
-def _decompressed(
-    data: NDArray[np.uint8], messages: Messages,
-) -> tuple[NDArray[np.uint8], Messages]:
+def _decompressed(data: NDArray[np.uint8],
+                  messages: Messages) -> tuple[NDArray[np.uint8], Messages]:
     """The same messages, each without its own zstd frame."""
     decompressor = zstandard.ZstdDecompressor()
     plain: list[bytes] = []

@@ -118,10 +118,8 @@ def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[st
     return decode_records(data, np.cumsum(sizes) - sizes, sizes, message_type, wanted)
 
 
-def decode_records(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
-    message_type: str, names: tuple[str, ...],
-) -> Records:
+def decode_records(data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
+                   message_type: str, names: tuple[str, ...]) -> Records:
     """The fields `names` of the messages of `message_type` at `starts` (N,) in `data`.
 
     Messages of one representation and frame id, the usual case, are read at once. CdrError for

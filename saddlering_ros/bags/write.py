@@ -109,11 +109,10 @@ class BagWriter:
     disk the folder of a recording stays, readable up to its last whole chunk.
     """
 
-    def __init__(
-        self, path: Path | str, topics: Mapping[str, str], metadata: Mapping[str, str], *,
-        definitions: Mapping[str, str] | None = None, latched: frozenset[str] = frozenset(),
-        overwrite: bool = False, chunk_size: int = CHUNK_SIZE, recorded: bool = False,
-    ) -> None:
+    def __init__(self, path: Path | str, topics: Mapping[str, str], metadata: Mapping[str, str],
+                 *, definitions: Mapping[str, str] | None = None,
+                 latched: frozenset[str] = frozenset(), overwrite: bool = False,
+                 chunk_size: int = CHUNK_SIZE, recorded: bool = False) -> None:
         self.path = Path(path)
         store = get_typestore(Stores.ROS2_JAZZY)
         for kind, text in (definitions or {}).items():
@@ -214,10 +213,8 @@ class BagWriter:
                            f'choose another place{kept}') from problem
 
 
-def messages_of(
-    topic: RigTopic, stamps: ArrayLike, values: ArrayLike, span: Sequence[float] = (),
-    log_delay: int = 0,
-) -> 'MessageBlock':
+def messages_of(topic: RigTopic, stamps: ArrayLike, values: ArrayLike, span: Sequence[float] = (),
+                log_delay: int = 0) -> 'MessageBlock':
     """Messages of `topic`, logged `log_delay` [ns] after the stamps; span: ends of the range."""
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)
@@ -235,12 +232,10 @@ def messages_of(
         topic.name, stamps + log_delay, encode(topic.type, topic.frame_id, stamps, fields))
 
 
-def write_bag(
-    path: Path | str, metadata: TestMetadata, load_stamps: ArrayLike, load: ArrayLike,
-    probe_stamps: Sequence[ArrayLike], gaps: Sequence[ArrayLike], probes: Probes, *,
-    others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None, log_delay: int = 0,
-    chunk_size: int = CHUNK_SIZE, overwrite: bool = False,
-) -> Path:
+def write_bag(path: Path | str, metadata: TestMetadata, load_stamps: ArrayLike, load: ArrayLike,
+              probe_stamps: Sequence[ArrayLike], gaps: Sequence[ArrayLike], probes: Probes, *,
+              others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None, log_delay: int = 0,
+              chunk_size: int = CHUNK_SIZE, overwrite: bool = False) -> Path:
     """Write a rosbag2 directory at `path`, complete or not at all; return the path.
 
     load_stamps (N,) int64 [ns], load (N,) [N]; probe_stamps and gaps: four arrays each, (M_i,)
@@ -300,9 +295,8 @@ class McapWriter:
         self._file.write(MAGIC)
         self._write(records.Header(profile='ros2', library=library))
 
-    def add_topic(
-        self, topic: str, kind: str, definition: str, metadata: Mapping[str, str],
-    ) -> None:
+    def add_topic(self, topic: str, kind: str, definition: str,
+                  metadata: Mapping[str, str]) -> None:
         """Declare a topic of messages of type `kind` ('package/msg/Name')."""
         if kind not in self._schemas:
             self._schemas[kind] = records.Schema(id=len(self._schemas) + 1, name=kind,

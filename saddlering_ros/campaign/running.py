@@ -166,10 +166,9 @@ def dask_workers(address: str) -> Iterator[Workers]:
         client.close(timeout=2.0)
 
 
-def run_campaign(
-    tasks: Sequence[SessionTask], store: Store, workers: Workers, *, retry: bool = False,
-    on_status: Callable[[Status], None] = lambda status: None,
-) -> Status:
+def run_campaign(tasks: Sequence[SessionTask], store: Store, workers: Workers, *,
+                 retry: bool = False,
+                 on_status: Callable[[Status], None] = lambda status: None) -> Status:
     """Compute the missing results until every task has one; `retry` repeats failures.
 
     Where the workers are gone, or a result cannot be written, the campaign ends with
@@ -215,9 +214,8 @@ def run_campaign(
     return status
 
 
-def _waiting(
-    tasks: Sequence[SessionTask], store: Store, status: Status, *, retry: bool
-) -> deque[SessionTask]:
+def _waiting(tasks: Sequence[SessionTask], store: Store, status: Status, *,
+             retry: bool) -> deque[SessionTask]:
     """The tasks without a whole result, with `retry` failed ones too; the others are counted.
 
     A whole result is of the task's data, with the report that the task asks for.
@@ -242,9 +240,8 @@ def _waiting(
     return waiting
 
 
-def _result_of(
-    future: futures.Future[str], task: SessionTask, store: Store, lost: Counter[str],
-) -> dict[str, Any] | None:
+def _result_of(future: futures.Future[str], task: SessionTask, store: Store,
+               lost: Counter[str]) -> dict[str, Any] | None:
     """The result of a finished task, or None to try again; lost: dead workers by task."""
     try:
         future.result()

@@ -129,9 +129,8 @@ def base_of(session: Session, sessions: Sequence[Session]) -> Session | None:
     return sessions[max(earlier)[1]] if earlier else None
 
 
-def find_bags(
-    folder: Path | str, on_progress: Callable[[int], None] = lambda count: None,
-) -> list[FoundBag]:
+def find_bags(folder: Path | str,
+              on_progress: Callable[[int], None] = lambda count: None) -> list[FoundBag]:
     """Every bag under `folder` at any depth, in order of path; links to folders are not followed.
 
     A folder with metadata.yaml, or with .mcap files of one split recording, is one bag; any other
@@ -190,9 +189,8 @@ def _look_at(path: Path) -> FoundBag:
         return FoundBag(path, problem=f'{path}: cannot be read ({fault.strerror}): check the path')
 
 
-def group_sessions(
-    bags: Sequence[FoundBag], gap: float = 24 * 3600.0, hold_out: float | None = None,
-) -> list[Session]:
+def group_sessions(bags: Sequence[FoundBag], gap: float = 24 * 3600.0,
+                   hold_out: float | None = None) -> list[Session]:
     """Sessions of `bags`, ordered by ring and time; a second copy of a recording is skipped.
 
     gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
@@ -307,9 +305,8 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     return [_session_of_lines(path, name, *group) for name, group in groups.items()]
 
 
-def _session_of_lines(
-    path: Path, name: str, bags: Sequence[FoundBag], lines: Sequence[Mapping[str, str]],
-) -> Session:
+def _session_of_lines(path: Path, name: str, bags: Sequence[FoundBag],
+                      lines: Sequence[Mapping[str, str]]) -> Session:
     first, own = lines[0], _session(list(bags), None)  # own: by the metadata
     for column, words in (('ring', 'give each ring a session of its own'),
                           ('service_hours', 'give a session one')):

@@ -45,9 +45,8 @@ LIMITS = pyarrow.schema([
     *_SESSION, ('effect', _TEXT), ('limit', _NUMBER), ('material_limit', _NUMBER),
     ('unit', _TEXT), ('testable', pyarrow.bool_())])
 
-def results_of(
-    store: Store, tasks: Iterable[SessionTask]
-) -> Iterator[tuple[SessionTask, dict[str, Any]]]:
+def results_of(store: Store,
+               tasks: Iterable[SessionTask]) -> Iterator[tuple[SessionTask, dict[str, Any]]]:
     """The tasks that have a result, each with it, one at a time.
 
     Names, rings and times are the tasks' own: a result does not depend on them.

@@ -79,10 +79,9 @@ class SessionTask:
         return asdict(self)
 
 
-def tasks_of(
-    sessions: Sequence[Session], rig: Path | None = None, *, compute: str = VERDICT,
-    reports: Path | None = None, seconds: float = SECONDS, memory: int = MEMORY,
-) -> list[SessionTask]:
+def tasks_of(sessions: Sequence[Session], rig: Path | None = None, *, compute: str = VERDICT,
+             reports: Path | None = None, seconds: float = SECONDS,
+             memory: int = MEMORY) -> list[SessionTask]:
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
     effects, program = _own_effects(), versions_in_use()

@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     from saddlering_ros.rig.geometry import ZeroReading
 
 
-def _command(
-    name: str, words: str, description: str, *examples: tuple[str, str],
-    model: tuple[AddOption, ...] = arguments.MODEL,
-) -> Command:
+def _command(name: str, words: str, description: str, *examples: tuple[str, str],
+             model: tuple[AddOption, ...] = arguments.MODEL) -> Command:
     return Command(name, words, description, (
         option('bag', 'rosbag2 directory or .mcap file', type=arguments.bag_read, metavar='BAG'),
         *arguments.READING, *model,
@@ -123,9 +121,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show_curves(
-    run: Record, rig: Rig, kind: str, zero: ZeroReading, seen: SamplesSummary,
-) -> str:
+def _show_curves(run: Record, rig: Rig, kind: str, zero: ZeroReading,
+                 seen: SamplesSummary) -> str:
     """Print the extent of the curves; the number of doubtful samples by kind, in words."""
     from saddlering_ros.rig import MICRO_UNITS
 

@@ -64,9 +64,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def play(
-    args: argparse.Namespace, on_cut: Callable[[Path], None] = lambda place: None,
-) -> dict[str, Any]:
+def play(args: argparse.Namespace,
+         on_cut: Callable[[Path], None] = lambda place: None) -> dict[str, Any]:
     """Replay a bag to nodes of its own; what was replayed and recorded, as plain data.
 
     on_cut: called with the place of a recording that an error cuts off.

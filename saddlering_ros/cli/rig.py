@@ -83,9 +83,8 @@ def run(args: argparse.Namespace) -> int:
     return 2 if doubts else 0
 
 
-def contradictions(
-    bag: Path | str, rig: 'Rig', test: str | None = None, elevation: float | None = None,
-) -> tuple[list[str], list[float]]:
+def contradictions(bag: Path | str, rig: 'Rig', test: str | None = None,
+                   elevation: float | None = None) -> tuple[list[str], list[float]]:
     """Contradictions between a bag and a rig, a line each, and other elevations [deg] that agree.
 
     elevation [rad] in place of the stated one.

@@ -60,10 +60,8 @@ INCLINOMETER, SCALE = math.radians(0.02), 1e-3
 """Standard deviations of an inclinometer [rad] and of a measured height [m]."""
 
 
-def next_test(
-    diagnosis: discrepancy.Diagnosis, fitted: Sequence[Record], held_out: Sequence[Record],
-    rig: Rig,
-) -> str | None:
+def next_test(diagnosis: discrepancy.Diagnosis, fitted: Sequence[Record],
+              held_out: Sequence[Record], rig: Rig) -> str | None:
     """The most valuable next test, and the cause that each outcome means.
 
     With `unknown` the rig file comes before the hardware, if no hash identifies the file: a wrong
@@ -186,10 +184,8 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
 
-def for_groups(
-    groups: Sequence[Sequence[str]], separations: Sequence[discrepancy.Separation],
-    tests: Sequence[RigTest] = RIG_TESTS,
-) -> str | None:
+def for_groups(groups: Sequence[Sequence[str]], separations: Sequence[discrepancy.Separation],
+               tests: Sequence[RigTest] = RIG_TESTS) -> str | None:
     """The next test for the first group, and what parts the others: it, or a test of the table.
 
     None if no test is known for the first group.
@@ -208,10 +204,8 @@ def for_groups(
     return ' '.join(words)
 
 
-def for_group(
-    effects: Sequence[str], separations: Sequence[discrepancy.Separation],
-    tests: Sequence[RigTest] = RIG_TESTS,
-) -> str | None:
+def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separation],
+              tests: Sequence[RigTest] = RIG_TESTS) -> str | None:
     """The next test for a group, with its share of simulated draws that leave only the true cause.
 
     A test that could not be simulated comes first if no simulated test separates the group.
@@ -253,17 +247,15 @@ def _either(effects: Sequence[str]) -> str:
     return ' or '.join(lowered(title_of(name)) for name in effects)
 
 
-def between(
-    effects: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS, *, is_first_named: bool = False,
-) -> str | None:
+def between(effects: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS, *,
+            is_first_named: bool = False) -> str | None:
     """The test of a table that separates most of these effects, with every outcome."""
     test = _of_table(effects, tests, is_first_named=is_first_named)
     return None if test is None else f'{test.instruction} {_meanings(test, effects)}'
 
 
-def _of_table(
-    effects: Sequence[str], tests: Sequence[RigTest], *, is_first_named: bool = False,
-) -> RigTest | None:
+def _of_table(effects: Sequence[str], tests: Sequence[RigTest], *,
+              is_first_named: bool = False) -> RigTest | None:
     """The test that separates most pairs; among equal ones, the first effect from most others.
 
     If the first one is named, its own pairs come first: the others need not be told apart.
@@ -278,9 +270,8 @@ def _of_table(
     return best if any(score(best)) else None
 
 
-def confirming(
-    effect_id: str, alternatives: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS,
-) -> str:
+def confirming(effect_id: str, alternatives: Sequence[str],
+               tests: Sequence[RigTest] = RIG_TESTS) -> str:
     """The test that confirms a named effect against its look-alikes in these data."""
     alone = (f'{test.instruction} {_capital(shown)} confirms it.' for test in tests
              if (shown := outcome(effect_id, test)) not in (UNCLEAR, test.otherwise))
@@ -291,9 +282,8 @@ def confirming(
     return f'To confirm {lowered(title_of(effect_id))}: {words}'
 
 
-def look_alikes(
-    effect: str, cosines: Mapping[str, Mapping[str, float]], least: float = MIN_LIKENESS
-) -> list[str]:
+def look_alikes(effect: str, cosines: Mapping[str, Mapping[str, float]],
+                least: float = MIN_LIKENESS) -> list[str]:
     """Other effects with a cosine of `least` or more in any variant, the most similar first.
 
     effect: its id, or the label of one variant, as 'probe_gain:3', of which alone others count.
@@ -410,10 +400,8 @@ def on_slewed_ring(point: Point) -> Point:
         for name, values in point.effects.items()})
 
 
-def load_run(
-    rig: Rig, degrees: float, times: Sequence[float], loads: Sequence[float],
-    max_step: float = LONGEST_STEP,
-) -> RunBlocks:
+def load_run(rig: Rig, degrees: float, times: Sequence[float], loads: Sequence[float],
+             max_step: float = LONGEST_STEP) -> RunBlocks:
     """An empty run along a course of load: times [s] and loads [N], linear in between.
 
     max_step [s]: longest step of its simulation.
@@ -449,10 +437,8 @@ def staircase(rig: Rig, degrees: float) -> RunBlocks:
                       np.repeat(held.astype(np.float64), still.size))
 
 
-def _empty_run(
-    rig: Rig, grid: LoadGrid, time: Array, width: Array, direction: Array, rate: Array,
-    hold: Array | None = None,
-) -> RunBlocks:
+def _empty_run(rig: Rig, grid: LoadGrid, time: Array, width: Array, direction: Array, rate: Array,
+               hold: Array | None = None) -> RunBlocks:
     return RunBlocks(
         'proposed', f'{np.degrees(grid.elevation):.1f} deg', time, width,
         np.zeros((len(rig.probes.present), time.size)), {'load': grid.block_means(grid.load)},

@@ -230,9 +230,8 @@ class Planner:
                 (limit.effect, *sorted(alike.get(limit.effect, ()))), abs(size.scale)))
         return Plan(tuple(tests), tuple(causes), accuracy, self.contact, None, 0.0, self.noise)
 
-    def _noise_of(
-        self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None,
-    ) -> dict[tuple[str, int], ChannelNoise]:
+    def _noise_of(self, runs: Sequence[RunBlocks],
+                  residuals: Sequence[Array] | None) -> dict[tuple[str, int], ChannelNoise]:
         """The same noise for every probe; a reading has `noise`, and the probe wanders."""
         slow = np.array([(WANDER.get(tau, 0.0) * self.noise) ** 2
                          for tau in TIME_CONSTANTS.tolist()])
@@ -270,10 +269,9 @@ class KeptSystem:
 
 
 @one_blas_thread()
-def plan_tests(
-    rig: Rig, tests: Sequence[PlannedTest] = (), contact: ContactParameters = TRUE_TO_SCALE, *,
-    noise: float = PROBE_NOISE, on_progress: OnProgress | None = None,
-) -> Plan:
+def plan_tests(rig: Rig, tests: Sequence[PlannedTest] = (),
+               contact: ContactParameters = TRUE_TO_SCALE, *, noise: float = PROBE_NOISE,
+               on_progress: OnProgress | None = None) -> Plan:
     """What the tests would find and the best further one; without tests, the four best.
 
     noise [m]: standard deviation of a reading of a probe.

@@ -57,9 +57,8 @@ SEEN = 2e-4
 """Least rms, as a share of range, that a size of `WAVE_SPREAD` of a fitted combination moves."""
 
 
-def with_raceways(
-    system: RingSystem, runs: Sequence[RunBlocks], law: Array, watch: Watch,
-) -> tuple[RingSystem, Array]:
+def with_raceways(system: RingSystem, runs: Sequence[RunBlocks], law: Array,
+                  watch: Watch) -> tuple[RingSystem, Array]:
     """The ring with the waves that its runs show, and the contact law (6,) beside them.
 
     law: that of the ring without waves. Ring and law stay as they are where this law fits, or
@@ -72,9 +71,8 @@ def with_raceways(
     return replace(system, raceways=session.raceways_at(point)), session.candidate(point)[0]
 
 
-def waves_beside(
-    system: RingSystem, runs: Sequence[RunBlocks], even: Diagnosis, watch: Watch,
-) -> tuple[RingSystem, Array] | None:
+def waves_beside(system: RingSystem, runs: Sequence[RunBlocks], even: Diagnosis,
+                 watch: Watch) -> tuple[RingSystem, Array] | None:
     """The ring with waves that are fitted beside causes, and the contact law (6,) of the start.
 
     even: the diagnosis of even raceways. None if it needs no waves, or if waves, alone or beside

@@ -246,9 +246,8 @@ def _steady(time: Array, load: Array, held: Sequence[tuple[int, int]]) -> Array:
     return steady
 
 
-def _load_grid(
-    elevation: float, time: Array, load: Array, zero_load: float, blocks: _Blocks
-) -> LoadGrid:
+def _load_grid(elevation: float, time: Array, load: Array, zero_load: float,
+               blocks: _Blocks) -> LoadGrid:
     """Mean time and load of the parts of every block, and of the samples between blocks.
 
     The parts of a block end at its edges, because a part beyond an edge would shift the mean.

@@ -406,10 +406,9 @@ def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[E
     return tuple(effects)
 
 
-def _starts(
-    effect: catalogue_of_effects.RingEffect,
-    ordered: Sequence[catalogue_of_effects.EffectParameter], rig: Rig,
-) -> tuple[dict[str, float], ...]:
+def _starts(effect: catalogue_of_effects.RingEffect,
+            ordered: Sequence[catalogue_of_effects.EffectParameter],
+            rig: Rig) -> tuple[dict[str, float], ...]:
     """Three sizes at the usual shape, and the starts that the effect declares."""
     size, *shapes = ordered
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)

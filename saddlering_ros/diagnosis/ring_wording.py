@@ -356,9 +356,8 @@ def _size_words(effect_id: str, sizes: Mapping[str, SizeEntry]) -> list[str]:
             for name, size in sizes.items()]
 
 
-def value_words(
-    effect_id: str, name: str, value: float, unit: str, std: float | None = None,
-) -> str:
+def value_words(effect_id: str, name: str, value: float, unit: str,
+                std: float | None = None) -> str:
     """A value with its error: shares in percent, a sign if both signs are possible."""
     effect = catalogue().get(effect_id)
     for parameter in effect.parameters if effect is not None else ():

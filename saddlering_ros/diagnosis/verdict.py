@@ -91,9 +91,8 @@ def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: i
     return ContactLaw(estimates, law_beside, covariance, alone.reasons, after)
 
 
-def _still_open(
-    estimates: Mapping[str, discrepancy.Estimate], before: Mapping[str, str], elevations: int
-) -> dict[str, str]:
+def _still_open(estimates: Mapping[str, discrepancy.Estimate], before: Mapping[str, str],
+                elevations: int) -> dict[str, str]:
     """Reasons by name for parameters that a larger model leaves open.
 
     before: reasons of the contact law alone on even raceways. A parameter that was open before
@@ -232,9 +231,8 @@ class Verdict:
         return document
 
 
-def run_figures(
-    rig: Rig, diagnosis: Diagnosis, record: PreparedRecord, before: Array, after: Array
-) -> RunFigures:
+def run_figures(rig: Rig, diagnosis: Diagnosis, record: PreparedRecord, before: Array,
+                after: Array) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
     run, channels, metric = record.run, {}, diagnosis.fits.metric
     views, start = metric.problem.system.views, float(run.time[0])
@@ -264,9 +262,8 @@ def run_figures(
     return RunFigures(record, channels, *curves)
 
 
-def unpredicted(
-    runs: Sequence[RunFigures], units: Mapping[str, str],
-) -> list[discrepancy.Remainder]:
+def unpredicted(runs: Sequence[RunFigures],
+                units: Mapping[str, str]) -> list[discrepancy.Remainder]:
     """Misfits of held-out runs that `validate` does not allow a sound ring."""
     return [
         discrepancy.Remainder(

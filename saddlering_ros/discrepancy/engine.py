@@ -196,9 +196,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
         unshared or is_better or established.other_laws(answer.search))
 
 
-def _causes_of(
-    answer: Answer, steady: Sequence[results.Cause], *, is_partial: bool,
-) -> list[results.Cause]:
+def _causes_of(answer: Answer, steady: Sequence[results.Cause], *,
+               is_partial: bool) -> list[results.Cause]:
     """Published causes with other places, and steady lines: first the largest, as far as sure."""
     space, fit = answer.search.space, answer.search.fit
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
@@ -252,9 +251,8 @@ def _answer(search: Search) -> Answer:
         before.explained_by(after) if published.causes else 0.0, taken)
 
 
-def _leaving_less(
-    space: ModelSpace, fit: Fit, after: results.Residual, published: Publication,
-) -> tuple[Fit, results.Residual]:
+def _leaving_less(space: ModelSpace, fit: Fit, after: results.Residual,
+                  published: Publication) -> tuple[Fit, results.Residual]:
     """A fit of a ring with its residual, or the published one if that leaves much less.
 
     Beside nuisance parameters, which take most of what it leaves, the base of a fit can lie far
@@ -342,10 +340,9 @@ def _beside_error(strict: Answer) -> Answer:
     return answers.get('ambiguous') or answers.get('unknown') or strict
 
 
-def _answer_beside(
-    alone: ModelSpace, before: results.Residual, search: Search, published: Publication,
-    warnings: Sequence[str], taken: float, *, is_established: bool,
-) -> Answer:
+def _answer_beside(alone: ModelSpace, before: results.Residual, search: Search,
+                   published: Publication, warnings: Sequence[str], taken: float, *,
+                   is_established: bool) -> Answer:
     """The answer on causes beside learnt error, with what they leave in the metric without it."""
     seen = _seen_in(alone, published.fits.after)
     left = _residual_of(alone, seen)

@@ -136,9 +136,8 @@ class _OpenModels:
             tuple(dict.fromkeys(tuple(one for one in together if one in together[cause])
                                 for cause in together)))
 
-    def _refitted(
-        self, proposal: systems.Proposal, random: np.random.Generator,
-    ) -> Iterator[Array]:
+    def _refitted(self, proposal: systems.Proposal,
+                  random: np.random.Generator) -> Iterator[Array]:
         """Misfits (fits, DRAWS) of all fits, refitted to a test as each model predicts it.
 
         The test has the small errors that the old data show beside the model.
@@ -289,9 +288,8 @@ class _OpenModels:
 Whiten = Callable[[Array], Array]
 
 
-def _seen_by(
-    problem: Problem, proposal: systems.Proposal, fits: Sequence[Fit]
-) -> list[tuple[Array, Array]]:
+def _seen_by(problem: Problem, proposal: systems.Proposal,
+             fits: Sequence[Fit]) -> list[tuple[Array, Array]]:
     """Values (m,) of a test by each fit, its direct readings last, and sensitivities (m, p)."""
     asked = [around(fit, problem.system.base_parameters) for fit in fits]
     made = [points for points, _ in asked]

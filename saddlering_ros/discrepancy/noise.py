@@ -188,9 +188,8 @@ SURE = 1000
 """Degrees of freedom of the level of a residual that is nothing, or not yet known."""
 
 
-def noise_of_channel(
-    declared: Noise, readings: Records, left: Records | None, scale: float
-) -> dict[str, ChannelNoise]:
+def noise_of_channel(declared: Noise, readings: Records, left: Records | None,
+                     scale: float) -> dict[str, ChannelNoise]:
     """The noise of one channel by run, as declared, or learnt from what a fit leaves of it."""
     if not declared.learns_from_residuals:
         own = dict(declared.resolve(readings))
@@ -213,9 +212,8 @@ MAX_RATIO = 0.5
 """... if the misfit is also below this share of the expected one, or above one over it."""
 
 
-def wrong_level(
-    statistic: float, dimensions: float, degrees: float
-) -> Literal['over', 'under'] | None:
+def wrong_level(statistic: float, dimensions: float,
+                degrees: float) -> Literal['over', 'under'] | None:
     """Whether a whitened misfit over `dimensions` is far from the misfit of noise alone.
 
     degrees: degrees of freedom of the level of the noise, which is over- or underestimated.
@@ -237,9 +235,8 @@ def is_correlated(whitened: Array) -> bool:
     return bool(ndtr(-products / squares * whitened.size**0.5) < MAX_CHANCE)
 
 
-def noise_sentence(
-    side: Literal['over', 'under'], statistic: float, dimensions: float, where: str
-) -> str:
+def noise_sentence(side: Literal['over', 'under'], statistic: float, dimensions: float,
+                   where: str) -> str:
     """The warning for a reader if the noise is over- or underestimated."""
     remedy = {
         'under': ', and no cause explains it; give the noise of the channel as it is, leave it to '
@@ -250,9 +247,8 @@ def noise_sentence(
             f'would give about {dimensions:.3g}{remedy}')
 
 
-def learn_noise(
-    runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
-) -> dict[tuple[str, int], ChannelNoise]:
+def learn_noise(runs: Sequence[RunBlocks],
+                residuals: Sequence[Array] | None = None) -> dict[tuple[str, int], ChannelNoise]:
     """Noise by run name and channel; runs with equal sampling share one estimate.
 
     `residuals` (C, N) per run, if given, add the noise between holds.

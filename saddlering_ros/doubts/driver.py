@@ -108,9 +108,8 @@ class _Findings(list[Finding]):
         self.append(Finding(words, self.where))
 
 
-def check_driver(
-    rig: Rig, heard: Mapping[str, HeardTopic], elevation: float, rate: float | None = None,
-) -> list[Finding]:
+def check_driver(rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
+                 rate: float | None = None) -> list[Finding]:
     """Faults and notes on the topics `heard` (by name, the five of a rig), faults first.
 
     elevation [rad]: decides the direction in which a load moves each probe; rate [Hz]: required.
@@ -254,9 +253,8 @@ def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:
                       f'newtons; sign and unit are known from {rig.preload:.4g} N on')
 
 
-def _directions(
-    findings: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
-) -> None:
+def _directions(findings: _Findings, rig: Rig, heard: Mapping[str, HeardTopic],
+                elevation: float) -> None:
     """Check polarity, order of channels and sign of the load if the load moved enough."""
     stamps, values = heard[LOAD_TOPIC].in_order
     least = MIN_LOAD_SPAN * rig.full_scale_load

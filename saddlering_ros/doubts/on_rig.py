@@ -185,9 +185,8 @@ def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[
         '(aliasing): filter before sampling')]
 
 
-def rig_findings(
-    rig: Rig, test: str, time: Floats, load: Floats, spans: list[tuple[float, float]],
-) -> list[Finding]:
+def rig_findings(rig: Rig, test: str, time: Floats, load: Floats,
+                 spans: list[tuple[float, float]]) -> list[Finding]:
     """Findings on a test of a kind on a rig; spans [m] as the probes publish them."""
     if count_where(np.isfinite, load) < len(load):
         kept = np.isfinite(load)

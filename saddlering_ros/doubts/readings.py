@@ -228,9 +228,8 @@ def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Findi
     return findings
 
 
-def clock_findings(
-    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float,
-) -> list[Finding]:
+def clock_findings(load: TopicQuality, probes: Sequence[TopicQuality],
+                   seconds: float) -> list[Finding]:
     """Findings on load and probes together over a record of `seconds`."""
     findings, together = [], filter_lag(load, probes)
     parts = [('the probes seem', probes, together)] if together else [
@@ -403,9 +402,8 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
     return replace(raw, stamps=sound.stamps, values=sound.values), guard
 
 
-def _marks_of(
-    guards: Sequence[SampleGuard], stamps: Stamps, *, to_next: bool = False,
-) -> Bits | None:
+def _marks_of(guards: Sequence[SampleGuard], stamps: Stamps, *,
+              to_next: bool = False) -> Bits | None:
     """Bits of validity that what the guards refused leaves at `stamps` (N,); None: nothing."""
     if not any(guard.bridges or guard.doubtful.stretches() for guard in guards):
         return None

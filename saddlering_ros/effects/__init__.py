@@ -105,9 +105,8 @@ def effect(effect_id: str) -> RingEffect:
     raise EffectError(f'effects.{effect_id} is not in the catalogue: choose {choice}')
 
 
-def extension_of(
-    effects: Mapping[str, Mapping[str, float]], rig: Rig | None = None,
-) -> RingExtension:
+def extension_of(effects: Mapping[str, Mapping[str, float]],
+                 rig: Rig | None = None) -> RingExtension:
     """The extension of effects (id to parameter values) on a rig (None: that of the catalogue).
 
     EffectError for an unknown name or a value out of bounds.

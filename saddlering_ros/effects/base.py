@@ -182,9 +182,8 @@ class RingEffect:
             return self.parameters
         return tuple(item.sized_for(rig) for item in self.parameters)
 
-    def parameters_of(
-        self, variant: Variant, rig: Rig | None = None,
-    ) -> tuple[EffectParameter, ...]:
+    def parameters_of(self, variant: Variant,
+                      rig: Rig | None = None) -> tuple[EffectParameter, ...]:
         """Parameters with a meaning in one of the variants."""
         others = {name for item in self.variants for name in item.frees} - set(variant.frees)
         return tuple(item for item in self.parameters_on(rig) if item.name not in others)

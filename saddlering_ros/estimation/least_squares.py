@@ -97,10 +97,9 @@ class Descent(Generic[Answers]):
         return min(self.costs)
 
 
-def descend(
-    start: Array, rule: Rule, fresh: Sequence[int], known: Array | None = None,
-    first_fresh: Sequence[int] | None = None, first_answer: Answers | None = None,
-) -> Generator[Array, Answers, Descent[Answers]]:
+def descend(start: Array, rule: Rule, fresh: Sequence[int], known: Array | None = None,
+            first_fresh: Sequence[int] | None = None,
+            first_answer: Answers | None = None) -> Generator[Array, Answers, Descent[Answers]]:
     """Levenberg-Marquardt from `start` (F,): yields points and receives answers.
 
     fresh: coordinates whose sensitivities an answer holds (`first_fresh`: the first answer).
@@ -156,9 +155,8 @@ def descend(
     return Descent(point, columns, answer, tuple(costs), converged)
 
 
-def bounded_step(
-    columns: Array, residual: Array, point: Array, damping: float, rule: Rule
-) -> Array:
+def bounded_step(columns: Array, residual: Array, point: Array, damping: float,
+                 rule: Rule) -> Array:
     """Damped Gauss-Newton step inside the box."""
     gram = columns.T @ columns
     slope = columns.T @ residual
@@ -203,10 +201,8 @@ class LazyAnswer:
         return self.slopes()
 
 
-def minimise(
-    linearised: Callable[[Array], LazyAnswer], start: Array, low: Array, high: Array,
-    negligible: float = NEGLIGIBLE, damping: float = USUAL_DAMPING,
-) -> Minimum:
+def minimise(linearised: Callable[[Array], LazyAnswer], start: Array, low: Array, high: Array,
+             negligible: float = NEGLIGIBLE, damping: float = USUAL_DAMPING) -> Minimum:
     """Least squares in the box from `start` (F,); an expected gain that is negligible ends it."""
     span = high - low
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
@@ -261,10 +257,8 @@ class SearchSpace:
     held: Array  # (6,) values
 
     @classmethod
-    def of(
-        cls, bounds: Mapping[str, tuple[float, float]], free: Iterable[str],
-        held: ContactParameters, logarithmic: Iterable[str] = (),
-    ) -> 'SearchSpace':
+    def of(cls, bounds: Mapping[str, tuple[float, float]], free: Iterable[str],
+           held: ContactParameters, logarithmic: Iterable[str] = ()) -> 'SearchSpace':
         """Space of the names in `free`, inside bounds (values); the others are held."""
         logarithmic = set(logarithmic)
         names = [name for name in PARAMETER_NAMES if name in set(free)]

@@ -120,10 +120,8 @@ class RestSource:
     ratios: Array | None = None  # (C,): variance of the noise of each channel over theirs
 
     @classmethod
-    def beside(
-        cls, segments: Sequence[RestSegment], parities: Sequence[RestSegment],
-        still: Sequence[Array],
-    ) -> 'RestSource':
+    def beside(cls, segments: Sequence[RestSegment], parities: Sequence[RestSegment],
+               still: Sequence[Array]) -> 'RestSource':
         """Stretches at rest and parities (1, N_i) of whole records, if these are noise alone.
 
         The parity of the radial probes is zero for a rigid ring with any contact. If it is noise
@@ -175,9 +173,8 @@ def sampling_class(step: float) -> int:
     return round(20 * np.log10(step))
 
 
-def noise_by_class(
-    classes: Mapping[int, RestSource], count: int, slowest: float = np.inf
-) -> dict[int, list[ChannelNoise]]:
+def noise_by_class(classes: Mapping[int, RestSource], count: int,
+                   slowest: float = np.inf) -> dict[int, list[ChannelNoise]]:
     """Noise of each of `count` channels, by class of sampling rates.
 
     slowest: largest time constant of the richest class in its longest stretches. Slower noise
@@ -213,10 +210,8 @@ def _longest(segments: Sequence[RestSegment]) -> float:
     return max(segment.step * segment.values.shape[1] for segment in segments)
 
 
-def measure_noise(
-    segments: Sequence[RestSegment], count: int, series: Sequence[HeldSeries] = (),
-    longest: float = np.inf,
-) -> list[ChannelNoise]:
+def measure_noise(segments: Sequence[RestSegment], count: int, series: Sequence[HeldSeries] = (),
+                  longest: float = np.inf) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
     Parts with time constants above `longest` [s] are left out, because a trend in a few short
@@ -263,9 +258,8 @@ def measure_noise(
     return noise
 
 
-def _rest_statistics(
-    segments: Sequence[RestSegment], channel: int, series: Sequence[HeldSeries]
-) -> Statistics:
+def _rest_statistics(segments: Sequence[RestSegment], channel: int,
+                     series: Sequence[HeldSeries]) -> Statistics:
     """Allan variances at rest, and second differences from hold to hold."""
     rows = _without_common_course(segments, channel)
     scales, observed, pairs = process.allan_variances(rows)
@@ -301,9 +295,8 @@ def _rest_statistics(
                       np.append(weights, joined.size / 3.0))
 
 
-def _without_common_course(
-    segments: Sequence[RestSegment], channel: int
-) -> list[tuple[Array, float]]:
+def _without_common_course(segments: Sequence[RestSegment],
+                           channel: int) -> list[tuple[Array, float]]:
     """Each stretch minus its own mean and the mean course of its label."""
     labels: dict[str, list[RestSegment]] = {}
     for segment in segments:

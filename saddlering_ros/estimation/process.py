@@ -217,9 +217,8 @@ class RowTotals:
         self._ends = np.cumsum(self.sizes)
         self._total = np.concatenate([[0.0], np.cumsum(np.concatenate(rows))])
 
-    def variances(
-        self, count: int, among: NDArray[np.bool_] | None = None
-    ) -> tuple[NDArray[np.bool_], Array]:
+    def variances(self, count: int,
+                  among: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.bool_], Array]:
         """Mask (R,) of the rows used, and their Allan variances at means over `count` values.
 
         among (R,): mask of those that may be used; a row shorter than two means is never used.
@@ -236,9 +235,8 @@ class RowTotals:
         sums = np.add.reduceat(squares, np.column_stack([starts, stops]).ravel())[::2]
         return used, 0.5 * sums / (stops - starts)
 
-    def weighted_variance(
-        self, count: int, among: NDArray[np.bool_] | None = None
-    ) -> tuple[float, int]:
+    def weighted_variance(self, count: int,
+                          among: NDArray[np.bool_] | None = None) -> tuple[float, int]:
         """Sum of `variances` weighted by the numbers of differences of the rows, and their sum."""
         used, variances = self.variances(count, among)
         differences = self.sizes[used] // count - 1

@@ -104,9 +104,8 @@ def relaxation_grid(step: float, longest: float) -> Array:
     return np.geomspace(step, longest, int(np.clip(count, 1, MAX_PARTS)))
 
 
-def noise_of_stretches(
-    stretches: Sequence[Array], step: float, longest: float, where: str
-) -> ChannelNoise:
+def noise_of_stretches(stretches: Sequence[Array], step: float, longest: float,
+                       where: str) -> ChannelNoise:
     """White noise and relaxations that fit the Allan variances of `stretches` best.
 
     longest [s]: largest averaging time and time constant; where: place for messages.
@@ -196,9 +195,8 @@ def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
         pairs=min(noise.pairs, extra.pairs))
 
 
-def with_model_error(
-    noise: ChannelNoise, share: float, span: float, step: float, duration: float
-) -> ChannelNoise:
+def with_model_error(noise: ChannelNoise, share: float, span: float, step: float,
+                     duration: float) -> ChannelNoise:
     """`noise` and a declared broadband model error of `share` of the channel's range `span`.
 
     Its variance is spread evenly over all decades of time from `step` to `duration` [s]; an equal
@@ -225,9 +223,8 @@ def _fast_values(record: ChannelRecord) -> tuple[Array, int]:
     return np.where(there, idct(spectrum, norm='ortho'), np.nan), waves
 
 
-def _noise_of_fast_values(
-    record: ChannelRecord, values: Array, waves: int, present: ChannelNoise | None = None
-) -> ChannelNoise:
+def _noise_of_fast_values(record: ChannelRecord, values: Array, waves: int,
+                          present: ChannelNoise | None = None) -> ChannelNoise:
     """White noise and relaxations of greatest likelihood for a fast part (N,) beyond `present`."""
     sizes = [row.size for row in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
@@ -269,9 +266,8 @@ def relaxation_of(record: ChannelRecord) -> ChannelNoise:
     return _with_degrees(best, step, [int(there.sum())])
 
 
-def _likeliest(
-    spectrum: '_Spectrum', constants: Array, step: float, expected: Array | float = 0.0,
-) -> ChannelNoise:
+def _likeliest(spectrum: '_Spectrum', constants: Array, step: float,
+               expected: Array | float = 0.0) -> ChannelNoise:
     """White noise and relaxations (T,) of greatest likelihood beside `expected` (F,)."""
     columns = _spectral_columns(spectrum.frequency, constants, step)
     unit = columns.mean(axis=0)
@@ -333,9 +329,8 @@ def _spectral_columns(frequency: Array, constants: Array, step: float) -> Array:
     return np.column_stack(columns)
 
 
-def common_noise(
-    first: Sequence[Array], second: Sequence[Array], weights: Sequence[float], step: float
-) -> ChannelNoise:
+def common_noise(first: Sequence[Array], second: Sequence[Array], weights: Sequence[float],
+                 step: float) -> ChannelNoise:
     """Common noise of pairs of segments (n_i,) with samples every `step` [s].
 
     It follows from the Allan variances of their sum and difference, in which noise of one channel

@@ -59,10 +59,8 @@ class Whitener:
         return matrix.reshape(columns.shape)
 
 
-def build_whitener(
-    noise: ChannelNoise, time: Array, width: Array, hold: Array | None = None,
-    present: Array | None = None, jitter: float = 0.0,
-) -> Whitener:
+def build_whitener(noise: ChannelNoise, time: Array, width: Array, hold: Array | None = None,
+                   present: Array | None = None, jitter: float = 0.0) -> Whitener:
     """Whitener of means over `width` (N,) about `time` (N,) [s], in order of time.
 
     hold (N,) numbers the levels at which a coarse converter keeps its part of the noise; a level
@@ -347,9 +345,8 @@ class TransformBand(_Octave):
         return whitener.colour(np.asarray(idct(spectrum, axis=0, norm='ortho')))
 
 
-def octaves_of(
-    time: Array, width: Array, parts: list[slice], whiteners: list[Whitener], begin: int, last: int
-) -> Iterator[BasisBand | TransformBand]:
+def octaves_of(time: Array, width: Array, parts: list[slice], whiteners: list[Whitener],
+               begin: int, last: int) -> Iterator[BasisBand | TransformBand]:
     """Octaves from half wave `begin` to `last`."""
     while begin <= last:
         stop = min(2 * begin - 1, last + 1)

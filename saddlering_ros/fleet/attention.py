@@ -74,9 +74,8 @@ class Fleet:
 
 
 @one_blas_thread()
-def judge_fleet(
-    sessions: Sequence[SessionFigures], limits: Mapping[str, float] | None = None,
-) -> Fleet:
+def judge_fleet(sessions: Sequence[SessionFigures],
+                limits: Mapping[str, float] | None = None) -> Fleet:
     """The judgement on all sessions; `limits`: of K and D (SI) by name, for remaining life."""
     judged = [item for item in sessions if item.verdict != 'failed']
     rings: dict[str, list[SessionFigures]] = {session.ring: [] for session in judged}
@@ -116,9 +115,8 @@ def judge_fleet(
         tuple(answer), tuple(rigs), population, inflation)
 
 
-def _lives(
-    followed: RingHistory, sessions: Sequence[SessionFigures], limits: Mapping[str, float],
-) -> dict[str, RemainingLife]:
+def _lives(followed: RingHistory, sessions: Sequence[SessionFigures],
+           limits: Mapping[str, float]) -> dict[str, RemainingLife]:
     answer = {}
     for name, limit in limits.items():
         number = PARAMETER_NAMES.index(name)

@@ -172,9 +172,8 @@ def scatter_inflation(rings: Sequence[tuple[Array, Array]]) -> float:
     return max(1.0, float(np.median(ratios) / chi2.median(len(COORDINATES)))) if ratios else 1.0
 
 
-def weighted_mean(
-    means: Array, covariances: Array, between: Array | float = 0.0,
-) -> tuple[Array, Array, Array]:
+def weighted_mean(means: Array, covariances: Array,
+                  between: Array | float = 0.0) -> tuple[Array, Array, Array]:
     """Mean (P,) of R values, its covariance (P, P), and the weight (R, P, P) of each value."""
     weights = np.linalg.inv(covariances + between)
     mean_covariance = np.linalg.inv(weights.sum(axis=0))

@@ -105,10 +105,9 @@ class RunValidation:
             'notes': list(self.notes)}))
 
 
-def channel_figures(
-    run: RunValidation, position: int, rests: Stretches, noise: ChannelNoise, step: float,
-    zero_lasting: float, input_variance: float, sound: float,
-) -> ChannelFigures:
+def channel_figures(run: RunValidation, position: int, rests: Stretches, noise: ChannelNoise,
+                    step: float, zero_lasting: float, input_variance: float,
+                    sound: float) -> ChannelFigures:
     """All figures of the channel in row `position` of a run.
 
     rests: stretches in which the run is at rest; noise: of the channel; step [s] of the samples;

@@ -78,12 +78,10 @@ class SwarmResult:
     history: Array = field(repr=False)
 
 
-def minimise(
-    objective: Callable[[Array], Array], low: Array, high: Array,
-    settings: SwarmSettings | None = None, *, seed: int = 0,
-    on_iteration: Callable[[SearchStep], None] | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> SwarmResult:
+def minimise(objective: Callable[[Array], Array], low: Array, high: Array,
+             settings: SwarmSettings | None = None, *, seed: int = 0,
+             on_iteration: Callable[[SearchStep], None] | None = None,
+             is_cancelled: IsCancelled | None = None) -> SwarmResult:
     """Minimise objective((particles, D)) -> (particles,) in the box, repeatably by its seed.
 
     The particle swarm of the paper: Kennedy and Eberhart's with the inertia of Shi and Eberhart
@@ -205,10 +203,8 @@ class _Search:
             raise Cancelled
         self.report(stage, step)
 
-    def run_swarm(
-        self, stage: str, objective: WeightedObjective | objectives.PaperObjective,
-        space: SearchSpace,
-    ) -> tuple[ContactParameters, float]:
+    def run_swarm(self, stage: str, objective: WeightedObjective | objectives.PaperObjective,
+                  space: SearchSpace) -> tuple[ContactParameters, float]:
         """Let the swarm search `space`; the best contact parameters and their objective.
 
         Before least squares it may stop at small gains.
@@ -231,10 +227,9 @@ class _Search:
         return contact, best.objective
 
 
-def identify(
-    runs: Sequence[Record], rig: Rig, settings: IdentificationSettings | None = None, *,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Identification:
+def identify(runs: Sequence[Record], rig: Rig, settings: IdentificationSettings | None = None, *,
+             on_progress: OnProgress | None = None,
+             is_cancelled: IsCancelled | None = None) -> Identification:
     """Identify K1, n1, D1, K2, n2, D2 from static and dynamic runs of any elevations.
 
     Where the misfit exceeds that of a sound ring, or where waves of the raceways bend this law
@@ -270,18 +265,15 @@ def identify(
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started)
 
 
-def identify_plain(
-    runs: Sequence[Record], rig: Rig, *,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Identification:
+def identify_plain(runs: Sequence[Record], rig: Rig, *, on_progress: OnProgress | None = None,
+                   is_cancelled: IsCancelled | None = None) -> Identification:
     """`identify` with usual settings, without the law beside errors of the ring."""
     return _identified(_Search(runs, rig, IdentificationSettings(), on_progress, is_cancelled))
 
 
-def law_beside_errors(
-    runs: Sequence[Record], rig: Rig, found: Identification, *,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> FittedLaw | None:
+def law_beside_errors(runs: Sequence[Record], rig: Rig, found: Identification, *,
+                      on_progress: OnProgress | None = None,
+                      is_cancelled: IsCancelled | None = None) -> FittedLaw | None:
     """The law of runs beside usual errors, from that of some of them without errors (found)."""
     return _beside_errors(
         _Search(runs, rig, IdentificationSettings(), on_progress, is_cancelled), found)
@@ -355,10 +347,8 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
     return _refined(search, observations, contact, searched, best)
 
 
-def _refined(
-    search: _Search, observations: Sequence[Observation], contact: ContactParameters,
-    searched: tuple[str, ...], best: float,
-) -> _Outcome:
+def _refined(search: _Search, observations: Sequence[Observation], contact: ContactParameters,
+             searched: tuple[str, ...], best: float) -> _Outcome:
     """Joint least squares from two starts in long steps, then from the better one in short steps.
 
     The starts are the best point of the swarm and the true-to-scale parameters. A note reports
@@ -372,9 +362,8 @@ def _refined(
     outcome = _Outcome(contact, best, searched, observations)
     evaluations = 0
 
-    def descend(
-        objective: WeightedObjective, start: Array, damping: float = NEAR, number: int = 2,
-    ) -> objectives.Refinement:
+    def descend(objective: WeightedObjective, start: Array, damping: float = NEAR,
+                number: int = 2) -> objectives.Refinement:
         end = refine(objective, space, start, search.is_cancelled, PROVISIONAL, damping)
         search.report('refinement', end.as_step(number))
         return end

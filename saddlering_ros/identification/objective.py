@@ -71,10 +71,8 @@ BEFORE = 1.0
 """Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
 
 
-def changes_on(
-    rig: Rig, contact: Array, observation: Observation, machines: Sequence[Machine],
-    on_work: OnWork = idle,
-) -> Array:
+def changes_on(rig: Rig, contact: Array, observation: Observation, machines: Sequence[Machine],
+               on_work: OnWork = idle) -> Array:
     """Changes (M, 4, N) [m, m, rad, m] of the increments of a run on each of M machines.
 
     rig: whose probes the readings are taken for.
@@ -376,9 +374,8 @@ def thinned(observation: Observation) -> Observation:
         means, per_block=1, spans=None, longest_step=max(SEARCH_STEP, size * SEARCH_STEP))
 
 
-def _with_means(
-    observation: Observation, time: Array, load: Array, displacement: Array, variance: Array
-) -> Observation:
+def _with_means(observation: Observation, time: Array, load: Array, displacement: Array,
+                variance: Array) -> Observation:
     """The same run with means (3, N) of readings, independent with a variance (3, N) each."""
     return replace(
         observation, time=time, load=load, displacement=displacement, branch=np.zeros(len(time)),
@@ -402,11 +399,9 @@ class Refinement(least_squares.Minimum):
         return SearchStep(number, 3, self.chi_square, tuple(self.contact.tolist()), 0.0)
 
 
-def refine(
-    objective: WeightedObjective, space: SearchSpace, start: Array,
-    is_cancelled: IsCancelled | None = None, negligible: float = least_squares.NEGLIGIBLE,
-    damping: float = least_squares.USUAL_DAMPING,
-) -> Refinement:
+def refine(objective: WeightedObjective, space: SearchSpace, start: Array,
+           is_cancelled: IsCancelled | None = None, negligible: float = least_squares.NEGLIGIBLE,
+           damping: float = least_squares.USUAL_DAMPING) -> Refinement:
     """`least_squares.minimise` from coordinates `start` (F,); Cancelled on request."""
 
     def at(point: Array) -> LazyAnswer:
@@ -418,9 +413,8 @@ def refine(
     return Refinement(**vars(lowest), contact=space.contacts(lowest.point)[0])
 
 
-def stay_at(
-    objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
-) -> Refinement:
+def stay_at(objective: WeightedObjective, space: SearchSpace,
+            contact: ContactParameters) -> Refinement:
     """A `Refinement` at given contact parameters, without a step."""
     point = space.coordinates(contact.to_array())
     here = _at(objective, space, point)

@@ -131,9 +131,8 @@ def observe_prepared(runs: Sequence[PreparedRun], fit_rate: float | None) -> lis
         for one, noise in zip(runs, prepared.noise_of(runs), strict=True)]
 
 
-def observe_with_cell(
-    runs: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
-) -> list[Observation]:
+def observe_with_cell(runs: Sequence[PreparedRun], rig: Rig, fit_rate: float | None,
+                      contact: ContactParameters) -> list[Observation]:
     """Observations with the noise of the load cell, evaluated at a first result."""
     explained = [one.explained_by(rig, contact) for one in runs]
     observed = observe_prepared(explained, fit_rate)
@@ -194,11 +193,9 @@ def _channels(one: PreparedRun) -> Array:
     return np.vstack([one.displacement, parity])
 
 
-def _observation(
-    one: PreparedRun, noise: NoiseModel, time: Array, load: Array, channels: Array,
-    branch: Array, lasting: Array, fine_time: Array, fine_load: Array,
-    spans: NDArray[np.intp] | None = None,
-) -> Observation:
+def _observation(one: PreparedRun, noise: NoiseModel, time: Array, load: Array, channels: Array,
+                 branch: Array, lasting: Array, fine_time: Array, fine_load: Array,
+                 spans: NDArray[np.intp] | None = None) -> Observation:
     """An observation of readings (4, N) that are means over `lasting` (N,) [s]; NaN: missing."""
     displacement, parity = channels[:3], channels[3]
     zero = one.measured.zero
@@ -227,9 +224,8 @@ FOLLOWED = 1.0
 """Time [s] over which the mean motion of a ring follows the load at once."""
 
 
-def slow_cell_noise(
-    rig: Rig, contact: ContactParameters, runs: Sequence[PreparedRun]
-) -> ChannelNoise | None:
+def slow_cell_noise(rig: Rig, contact: ContactParameters,
+                    runs: Sequence[PreparedRun]) -> ChannelNoise | None:
     """Noise [N] of the load cell that the misfit of the model shares with its readings.
 
     At rest the ring follows the load, and the simulation follows the cell. Only plateaus are
@@ -259,9 +255,8 @@ def slow_cell_noise(
     return common_noise(loads, errors, weights, held[0].interval) if loads else None
 
 
-def load_errors_of(
-    rig: Rig, contact: ContactParameters, one: PreparedRun, seen: Observation, noise: ChannelNoise
-) -> LoadErrors | None:
+def load_errors_of(rig: Rig, contact: ContactParameters, one: PreparedRun, seen: Observation,
+                   noise: ChannelNoise) -> LoadErrors | None:
     """Effect of the load cell's noise on a run; None if it cannot be computed.
 
     That is so for every sample of a long record, a model without motion, a load without noise.

@@ -210,10 +210,8 @@ class Beside:
         return bool(np.abs(self.objective.likely(contact)[:self.steady]).max() <= MAX_USUAL_ERROR)
 
 
-def beside_errors(
-    objective: WeightedObjective, space: SearchSpace, law: ContactParameters,
-    usual: Sequence[SmallError], seed: int, on_work: OnWork,
-) -> Beside | None:
+def beside_errors(objective: WeightedObjective, space: SearchSpace, law: ContactParameters,
+                  usual: Sequence[SmallError], seed: int, on_work: OnWork) -> Beside | None:
     """The objective beside errors of the ring, and `usual` and certified ones of its rig.
 
     None if these do not explain the parity, which a rigid ring does not move.
@@ -261,10 +259,8 @@ def is_parity_usual(observations: Sequence[Observation], changes: Sequence[Array
     return bool(np.abs(left @ shared.directions).max(initial=0.0) <= MAX_IN_PARITY)
 
 
-def errors_beside(
-    objective: WeightedObjective, best: Refinement, waves: Waves, usual: Sequence[SmallError],
-    seed: int, on_work: OnWork,
-) -> RingErrors:
+def errors_beside(objective: WeightedObjective, best: Refinement, waves: Waves,
+                  usual: Sequence[SmallError], seed: int, on_work: OnWork) -> RingErrors:
     """Errors of a fit beside others; those of certificates are no part of them."""
     rollers, known = _sound_errors(objective, best.contact)
     stated = certified_errors(objective.rig)
@@ -279,9 +275,8 @@ def errors_beside(
         np.vstack([known[is_open], steady, scatter(loops_drawn(objective.rig, seed))]))
 
 
-def _steady_changes(
-    objective: WeightedObjective, contact: Array, errors: Sequence[SmallError], on_work: OnWork,
-) -> list[Array]:
+def _steady_changes(objective: WeightedObjective, contact: Array, errors: Sequence[SmallError],
+                    on_work: OnWork) -> list[Array]:
     """Changes (M, 4, N) of each run by these errors, then by small ones of a given course."""
     rig = objective.rig
     machines = [with_error(rig, error) for error in errors]
@@ -332,10 +327,8 @@ def _drawn(item: EffectParameter, random: np.random.Generator) -> float:
     return float(np.clip(value, item.low, item.high))
 
 
-def _changes(
-    objective: WeightedObjective, contact: Array, errors: Sequence[RingExtension],
-    on_work: OnWork = idle,
-) -> list[Array]:
+def _changes(objective: WeightedObjective, contact: Array, errors: Sequence[RingExtension],
+             on_work: OnWork = idle) -> list[Array]:
     """Changes of the increments of each run by errors of the ring."""
     return objective.changes(contact, [(objective.rig, one) for one in errors], on_work)
 

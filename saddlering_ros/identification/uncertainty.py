@@ -83,10 +83,9 @@ class Uncertainty:
         return {name: name not in self.reasons for name in PARAMETER_NAMES}
 
 
-def assess(
-    objective: WeightedObjective, space: SearchSpace, best: Refinement, errors: RingErrors,
-    bounds: dict[str, tuple[float, float]], misfit_advice: str, *, is_minimum: bool = True,
-) -> Uncertainty:
+def assess(objective: WeightedObjective, space: SearchSpace, best: Refinement, errors: RingErrors,
+           bounds: dict[str, tuple[float, float]], misfit_advice: str, *,
+           is_minimum: bool = True) -> Uncertainty:
     """Judge a fit in its `space`; misfit_advice: remedy for a misfit.
 
     is_minimum: whether it was refined; else the linear step to the minimum is an error, too.
@@ -164,9 +163,8 @@ def joint_axes(covariance: Array) -> Array:
     return np.asarray(half_axes.T[::-1])
 
 
-def _joint_entry(
-    row: int, contact: Array, whole: Array, bounds: dict[str, tuple[float, float]],
-) -> dict[str, Any]:
+def _joint_entry(row: int, contact: Array, whole: Array,
+                 bounds: dict[str, tuple[float, float]]) -> dict[str, Any]:
     """The ellipse of a row in (ln K, n), where the uncertainty of K is symmetric."""
     names = [f'K{row}', f'n{row}']
     pair = [PARAMETER_NAMES.index(name) for name in names]
@@ -195,10 +193,8 @@ LONE_READING = ('the simulated ring crosses its clearance there: see to zero, si
                 'the load')
 
 
-def _reasons(
-    space: SearchSpace, best: Refinement, systematic: dict[str, Array],
-    deviations: Sequence[Array], elevations: int, misfit_advice: str,
-) -> dict[str, str]:
+def _reasons(space: SearchSpace, best: Refinement, systematic: dict[str, Array],
+             deviations: Sequence[Array], elevations: int, misfit_advice: str) -> dict[str, str]:
     """Why the data leave a parameter open, by its name.
 
     deviations (6,) in coordinates: in all, by noise alone, in all if the misfit were the noise.
@@ -226,9 +222,8 @@ def _reasons(
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
-def _intervals(
-    space: SearchSpace, best: Refinement, deviations: Array, reasons: Mapping[str, str],
-) -> dict[str, tuple[float, float] | None]:
+def _intervals(space: SearchSpace, best: Refinement, deviations: Array,
+               reasons: Mapping[str, str]) -> dict[str, tuple[float, float] | None]:
     """95 % intervals, None of an open parameter; deviations (6,) in coordinates."""
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
     for position, index in enumerate(space.free):
@@ -246,9 +241,8 @@ def _spread_over_six(values: Array, space: SearchSpace) -> Array:
     return six
 
 
-def _with_bounds_alone(
-    covariance: Array, space: SearchSpace, bounds: dict[str, tuple[float, float]]
-) -> Array:
+def _with_bounds_alone(covariance: Array, space: SearchSpace,
+                       bounds: dict[str, tuple[float, float]]) -> Array:
     """(6, 6) covariance; a held parameter has the variance of its bounds."""
     six = np.diag([(high - low) ** 2 / 12.0 for low, high in (bounds[n] for n in PARAMETER_NAMES)])
     six[np.ix_(space.free, space.free)] = covariance
@@ -289,10 +283,8 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     return f'{name} is known only within {what} (95 %) from these data: {advice}'
 
 
-def reason_open(
-    name: str, deviations: Sequence[float], shift: float, imperfection: str, elevations: int,
-    misfit_advice: str,
-) -> str | None:
+def reason_open(name: str, deviations: Sequence[float], shift: float, imperfection: str,
+                elevations: int, misfit_advice: str) -> str | None:
     """Why an identified parameter is open; None if it is not.
 
     deviations (coordinates): in all, of noise alone, and in all for a misfit as large as the

@@ -59,10 +59,8 @@ class Validation:
         return Path(path).name not in {Path(bag).name for bag in self.parameters.source.bags}
 
 
-def validate(
-    runs: Sequence[Record], rig: Rig, parameters: ParameterSet,
-    watch: Watch | None = None,
-) -> Validation:
+def validate(runs: Sequence[Record], rig: Rig, parameters: ParameterSet,
+             watch: Watch | None = None) -> Validation:
     """Compare simulation and measurement; IdentificationError if a run cannot be compared."""
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
@@ -177,9 +175,8 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     return _Comparison(result, measured, rests, channels)
 
 
-def _input_variance(
-    rig: Rig, parameters: ParameterSet, run: RunValidation, zero_load: float
-) -> Array:
+def _input_variance(rig: Rig, parameters: ParameterSet, run: RunValidation,
+                    zero_load: float) -> Array:
     """Mean square uncertainty (4,) of the prediction from the parameters' covariance.
 
     From static sensitivities at about 25 loads of the run; zero where no covariance is given.
@@ -233,9 +230,8 @@ class Criterion:
             value, self.unit)
 
 
-def judge(
-    runs: Sequence[RunValidation], undetermined: Collection[str] = (),
-) -> tuple[Criterion, ...]:
+def judge(runs: Sequence[RunValidation],
+          undetermined: Collection[str] = ()) -> tuple[Criterion, ...]:
     """Every criterion for which these runs have figures, at its worst run and channel.
 
     undetermined: parameters that the data of the parameter file leave open.

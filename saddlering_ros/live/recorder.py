@@ -173,10 +173,8 @@ def definitions() -> dict[str, str]:
 
 
 @contextmanager
-def recording(
-    path: Path | str, domain_id: int, *, facts: Mapping[str, str] | None = None,
-    overwrite: bool = False, namespace: str = '',
-) -> Iterator[Recorder]:
+def recording(path: Path | str, domain_id: int, *, facts: Mapping[str, str] | None = None,
+              overwrite: bool = False, namespace: str = '') -> Iterator[Recorder]:
     """Record a namespace of the ROS domain into a bag at `path` until the block ends.
 
     Yields the recorder. BagError if the bag cannot be written. A block that raises loses nothing.

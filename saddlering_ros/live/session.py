@@ -59,9 +59,8 @@ def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
             'why': FOLLOWS.get(message.follows, ('', ''))[0], 'guess': str(message.first_guess)}
 
 
-def with_link(
-    shown: dict[str, Any] | None, health: Sequence[dict[str, Any]]
-) -> dict[str, Any] | None:
+def with_link(shown: dict[str, Any] | None,
+              health: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     """The same, with `offline`: why the node of the alarm reports no longer, in words, or ''."""
     statuses = [status for status in health if 'ring_alarm: ' in status['name']]
     is_gone = all(status['level'] == 'silent' for status in statuses)

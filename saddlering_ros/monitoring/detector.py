@@ -128,9 +128,8 @@ MAX_STEP = 5.0
 class BlockWatch:
     """Watches the means of C channels over blocks of `block` seconds."""
 
-    def __init__(
-        self, noise: Sequence['BlockNoise'], block: float, false_alarm_hours: float
-    ) -> None:
+    def __init__(self, noise: Sequence['BlockNoise'], block: float,
+                 false_alarm_hours: float) -> None:
         self._channels = len(noise)
         self._innovations = Innovations(noise)
         self._white = np.sqrt([one.white for one in noise])
@@ -169,9 +168,8 @@ class BlockWatch:
         return None if alarm is None else replace(alarm, channel=alarm.channel % self._channels)
 
 
-def wander_limit(
-    noise: 'BlockNoise', block: float, false_alarm_hours: float, channels: int
-) -> float:
+def wander_limit(noise: 'BlockNoise', block: float, false_alarm_hours: float,
+                 channels: int) -> float:
     """How far the wander of a channel goes once in WANDER_SHARE of the false alarms [its unit].
 
     A Gaussian AR(1) process of time constant T leaves +-z standard deviations about
@@ -292,9 +290,8 @@ class RestLearner:
         self._rest = Rest(self._band)
         self._load, self._begin = 0.0, 0
 
-    def step(
-        self, stamp: int, residual: tuple[float, ...], load: float, allowed: ArrayLike = math.inf,
-    ) -> RestNoise | None:
+    def step(self, stamp: int, residual: tuple[float, ...], load: float,
+             allowed: ArrayLike = math.inf) -> RestNoise | None:
         """Take a sample: stamp [ns], residual (C,), load [N]; the noise when it is known.
 
         allowed (C,): a residual that moves further while the load rests is no noise.
@@ -393,9 +390,8 @@ def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> Arra
     return np.asarray(static_response(rig, contact.to_array(), elevation, loads))
 
 
-def materiality(
-    rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
-) -> Array:
+def materiality(rig: Rig, contact: ContactParameters, elevation: float,
+                percent: float = DEFAULT_PERCENT) -> Array:
     """`percent` of the range of `sound_motion` of each channel, (3,) [m, m, rad]."""
     if not 0.0 <= percent < math.inf:
         raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')

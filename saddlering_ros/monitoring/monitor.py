@@ -102,11 +102,9 @@ class Monitor:
     alarm, by the elevation [rad]; wander (3,): smallest of each channel. `changes` counts news.
     """
 
-    def __init__(
-        self, settings: MonitorSettings, rest_band: float,
-        materiality_of: Callable[[float], Array],
-        wander: Sequence[float] | Array = (0.0, 0.0, 0.0),
-    ) -> None:
+    def __init__(self, settings: MonitorSettings, rest_band: float,
+                 materiality_of: Callable[[float], Array],
+                 wander: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         self.settings = settings
         self._rest_band, self._materiality_of = rest_band, materiality_of
         self._least_wander = tuple(float(value) for value in wander)

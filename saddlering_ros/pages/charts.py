@@ -196,10 +196,8 @@ def strokes(x: Array, low: Array, high: Array, name: str = '', dash: str = '-',
     return line(across, up, colour, name, dash, width, opacity)
 
 
-def compared(
-    upper: Panel, unit: str, measured: Array, simulated: Sequence[Series],
-    bands: tuple[ShadedBand, ...] = (),
-) -> tuple[Panel, Panel]:
+def compared(upper: Panel, unit: str, measured: Array, simulated: Sequence[Series],
+             bands: tuple[ShadedBand, ...] = ()) -> tuple[Panel, Panel]:
     """A panel of a measured curve with its simulations, and the misfit of each below it.
 
     upper: the panel with the measured series and its labels; unit: of the misfit; measured (N,):

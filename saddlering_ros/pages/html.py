@@ -140,9 +140,8 @@ def tiles(items: Sequence[tuple[str, str]]) -> str:
     return f'<div class="tiles">{shown}</div>'
 
 
-def table(
-    head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], caption: str = ''
-) -> str:
+def table(head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]],
+          caption: str = '') -> str:
     """A table without its empty columns; empty if there are no rows.
 
     A column under a `number` holds numbers; only those with a mark need to say so themselves.
@@ -286,10 +285,8 @@ def bars(rows: Sequence[Row], label: str, top: float | None = None) -> charts.Ch
     return rows_down([row[0] for row in rows], series, label, (top,) if top else ())
 
 
-def rows_down(
-    words: Sequence[str], series: Sequence[charts.Series], label: str, ends: Sequence[float] = (),
-    x_ticks: charts.Ticks | None = None,
-) -> charts.Chart:
+def rows_down(words: Sequence[str], series: Sequence[charts.Series], label: str,
+              ends: Sequence[float] = (), x_ticks: charts.Ticks | None = None) -> charts.Chart:
     """Series from the top down beside their words; ends: values that the axis reaches."""
     series = [*series, *(charts.markers([end], [len(words) + 4.0], '.', NOISE, size=0.1)
                          for end in ends)]

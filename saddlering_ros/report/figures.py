@@ -114,10 +114,8 @@ def curves_of(verdict: Verdict) -> list[RunCurves]:
     return curves
 
 
-def curves_of_run(
-    rig: Rig, run: Record, measured: Array, before: Array, after: Array,
-    floors: Mapping[str, float | None], *, held_out: bool,
-) -> RunCurves:
+def curves_of_run(rig: Rig, run: Record, measured: Array, before: Array, after: Array,
+                  floors: Mapping[str, float | None], *, held_out: bool) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps.
 
     A static run is shown by the means of its plateaus, a dynamic one by those of equal blocks.
@@ -236,9 +234,8 @@ def proof(run: RunCurves, channel: str) -> Chart:
                  heights=(charts.MAIN, charts.STRIP), shares_x=True, legend_columns=3)
 
 
-def _compared(
-    run: RunCurves, channel: str, row: int, column: int, *, is_over_load: bool | None = None,
-) -> list[Panel]:
+def _compared(run: RunCurves, channel: str, row: int, column: int, *,
+              is_over_load: bool | None = None) -> list[Panel]:
     """A channel as measured and simulated, and the residual below; the first row has a title.
 
     is_over_load: against load or time; None: load for a static run, time for a dynamic one.

@@ -43,9 +43,8 @@ DIAGNOSIS = 'What the ring simulation lacks'
 VALIDATION = 'How well the parameters predict'
 
 
-def write_diagnosis_report(
-    verdict: Verdict, path: Path | str, command: str = '', more: Sequence[str] = (),
-) -> tuple[Path, Path]:
+def write_diagnosis_report(verdict: Verdict, path: Path | str, command: str = '',
+                           more: Sequence[str] = ()) -> tuple[Path, Path]:
     """Write a verdict's page and curves; the paths written. more: chapters of the caller."""
     beside, curves = figures.curves_path(path), figures.curves_of(verdict)
     tests = [(run.record.test_run, ROLES[run.record.run.held_out]) for run in verdict.runs]
@@ -58,11 +57,10 @@ def write_diagnosis_report(
     return Path(path), beside
 
 
-def diagnosis_page(
-    document: VerdictDocument, curves: Sequence[RunCurves],
-    covariance: Array | None = None, *, top: str = f'<h1>{DIAGNOSIS}</h1>',
-    quality: str = '', command: str = '', curves_file: str = '', more: Sequence[str] = (),
-) -> str:
+def diagnosis_page(document: VerdictDocument, curves: Sequence[RunCurves],
+                   covariance: Array | None = None, *, top: str = f'<h1>{DIAGNOSIS}</h1>',
+                   quality: str = '', command: str = '', curves_file: str = '',
+                   more: Sequence[str] = ()) -> str:
     """The page of a verdict's JSON and the curves of its runs, most important first.
 
     covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; top: the head;
@@ -90,10 +88,9 @@ def diagnosis_page(
         reproduction(document, command, curves_file)])
 
 
-def write_validation_report(
-    path: Path | str, validation: Validation, runs: Sequence[Record], rig: Rig,
-    identification: Mapping[str, Any] | None = None, command: str = '',
-) -> tuple[Path, Path]:
+def write_validation_report(path: Path | str, validation: Validation, runs: Sequence[Record],
+                            rig: Rig, identification: Mapping[str, Any] | None = None,
+                            command: str = '') -> tuple[Path, Path]:
     """Write a validation's page and curves; `runs` in its order, `identification` as JSON."""
     beside = figures.curves_path(path)
     curves = curves_of_validation(validation, runs, rig)
@@ -121,9 +118,8 @@ def write_validation_report(
     return Path(path), beside
 
 
-def curves_of_validation(
-    validation: Validation, runs: Sequence[Record], rig: Rig,
-) -> list[RunCurves]:
+def curves_of_validation(validation: Validation, runs: Sequence[Record],
+                         rig: Rig) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
     return [
         figures.curves_of_run(
@@ -133,9 +129,8 @@ def curves_of_validation(
         for result, run in zip(validation.runs, runs, strict=True)]
 
 
-def _banner(
-    validation: Validation, curves: Sequence[RunCurves], identification: Mapping[str, Any] | None,
-) -> str:
+def _banner(validation: Validation, curves: Sequence[RunCurves],
+            identification: Mapping[str, Any] | None) -> str:
     """Whether every channel is within its noise, and the one that is predicted worst.
 
     A fit may leave what no sound ring does, although the errors of a sound ring move each channel
@@ -197,9 +192,8 @@ def plot_paths(validation: Validation, folder: Path) -> list[Path]:
             for place, run in enumerate(validation.runs, start=1)]
 
 
-def save_plots(
-    validation: Validation, runs: Sequence[Record], folder: Path, rig: Rig,
-) -> list[Path]:
+def save_plots(validation: Validation, runs: Sequence[Record], folder: Path,
+               rig: Rig) -> list[Path]:
     """One PNG per run in `folder`; the paths written."""
     paths = plot_paths(validation, folder)
     curves = curves_of_validation(validation, runs, rig)

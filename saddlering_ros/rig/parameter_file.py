@@ -65,9 +65,8 @@ def check_sections(parameters: Mapping[str, Any], needed: str, hint: str, where:
     refuse_unknown_keys(parameters, allowed, '', where, RigError)
 
 
-def unfold(
-    parameters: Mapping[str, Any], where: str, error: type[SaddleringError],
-) -> dict[str, Any]:
+def unfold(parameters: Mapping[str, Any], where: str,
+           error: type[SaddleringError]) -> dict[str, Any]:
     """Dotted keys (`rig.preload`) made nested dictionaries; numbers written 1e8 made floats.
 
     `error` if two entries contradict each other: a value and a section of one name, or one name in

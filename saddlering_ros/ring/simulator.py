@@ -191,10 +191,9 @@ def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLi
     return next(simulate_in_blocks(rig, parameters, elevation, time, load, size, max_step))
 
 
-def simulate_in_blocks(
-    rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
-    size: int, max_step: float = 1e-3,
-) -> Iterator[SimulatedRun]:
+def simulate_in_blocks(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike,
+                       load: ArrayLike, size: int,
+                       max_step: float = 1e-3) -> Iterator[SimulatedRun]:
     """`simulate` in stretches of `size` samples: the same numbers in little memory.
 
     first: index in the record of a stretch's first sample; failed_steps: since the record began.
@@ -279,11 +278,10 @@ def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLi
     return np.ascontiguousarray(motion.transpose(0, 2, 1))
 
 
-def probe_batch(
-    rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
-    time: ArrayLike, load: ArrayLike, zero_load: float | None = None, max_step: float = 1e-3,
-    blocks: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None
-) -> Floats:
+def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
+                time: ArrayLike, load: ArrayLike, zero_load: float | None = None,
+                max_step: float = 1e-3,
+                blocks: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None) -> Floats:
     """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
 
     If blocks of samples [start, stop) are given, the increments are means over these (B, 4, M).

@@ -45,10 +45,8 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
-def scatter_columns(
-    rig: Rig, contact: Floats, elevation: float, zero_load: float, time: Floats, probes: Floats,
-    *, static: bool
-) -> Floats:
+def scatter_columns(rig: Rig, contact: Floats, elevation: float, zero_load: float, time: Floats,
+                    probes: Floats, *, static: bool) -> Floats:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
     probes (4, N) [m] are simulated at the base values; `static`: the run lies in holds, in which
@@ -89,9 +87,8 @@ def known_errors(rig: Rig, predict: Callable[[Rig], Floats], usual: Floats) -> l
             *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides)]
 
 
-def sound_deviation(
-    rig: Rig, contact: Floats, elevation: float, load: Floats, zero_load: float
-) -> Floats:
+def sound_deviation(rig: Rig, contact: Floats, elevation: float, load: Floats,
+                    zero_load: float) -> Floats:
     """Rms (3,) [m, m, rad] by which small errors of a sound ring move it at loads (N,).
 
     One standard deviation of unequal rollers, of clearances and of the weight together, counted

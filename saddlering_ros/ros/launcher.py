@@ -238,13 +238,10 @@ def last_line(text: str) -> str:
 
 
 @contextlib.contextmanager
-def start_nodes(
-    bag: Path | str, *, nodes: Sequence[str] = RING_NODES, rate: float = 0.0,
-    parameters: Mapping[str, Values] | None = None,
-    files: Sequence[Path | str] = (), domain_id: int | None = None,
-    log_folder: Path | None = None, exit_at_end: bool = True, start_paused: bool = False,
-    namespace: str = '',
-) -> Any:
+def start_nodes(bag: Path | str, *, nodes: Sequence[str] = RING_NODES, rate: float = 0.0,
+                parameters: Mapping[str, Values] | None = None, files: Sequence[Path | str] = (),
+                domain_id: int | None = None, log_folder: Path | None = None,
+                exit_at_end: bool = True, start_paused: bool = False, namespace: str = '') -> Any:
     """Replay `bag` to `nodes` in lockstep; yields the NodeGroup, ends every process on leaving.
 
     The clock starts last and waits for all others. `group.wait('replay_clock', timeout)` returns

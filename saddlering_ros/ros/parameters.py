@@ -96,9 +96,8 @@ TRUST_RIG = NodeParameter(
     'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
 
 
-def refuse_other_rig(
-    node: Node, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig,
-) -> None:
+def refuse_other_rig(node: Node, refuse: Callable[[Any, Rig], None], stated: Any,
+                     rig: Rig) -> None:
     """NodeError if `refuse` finds that another rig than the node's is stated.
 
     A node with trust_rig does not look. The remedy names parameters, not arguments of the API.

@@ -134,9 +134,8 @@ class RigAgreement:
         return TaskStatus(OK, f'rig {short_digest(self.digest)}', figures)
 
 
-def zero_status(
-    rig: Rig, zero: geometry.ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
-) -> TaskStatus:
+def zero_status(rig: Rig, zero: geometry.ZeroReading | None, zero_stamp: int, newest_stamp: int,
+                load: float) -> TaskStatus:
     """Whether the zero is taken, by stamps [ns] (0: none) and the load [N] of a waiting node."""
     if zero is not None:
         words, level = f'zero at {rig.force_words(zero.load, 3)}', OK

@@ -246,10 +246,9 @@ def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds
 
 
 @compiled()
-def _stage_residual(
-    rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats, h: float,
-    load: Floats, stages: Floats, residual: Floats, matrix: Floats, scratch: Floats,
-) -> float:
+def _stage_residual(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats,
+                    v: Floats, h: float, load: Floats, stages: Floats, residual: Floats,
+                    matrix: Floats, scratch: Floats) -> float:
     """Residual (6,) of both stages at positions `stages` (2, 3), its matrix, its largest."""
     rate = np.empty((2, 3))
     for i in range(3):

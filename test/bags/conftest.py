@@ -66,12 +66,10 @@ def dynamic_recording(count: int = 1000, seed: int = 0) -> Recording:
     return Recording(stamps, values)
 
 
-def write_raw(
-    path: Path, recording: Recording, *, compression=CompressionType.ZSTD, chunked=True,
-    chunk_size=16_384, index_types=IndexType.ALL, log_time=None, order=None, types=None,
-    encoding='ros2msg', message_encoding='cdr', extra=0, extra_size=2, facts=True,
-    message=cdr, crcs=True, data_crcs=False,
-) -> Path:
+def write_raw(path: Path, recording: Recording, *, compression=CompressionType.ZSTD, chunked=True,
+              chunk_size=16_384, index_types=IndexType.ALL, log_time=None, order=None, types=None,
+              encoding='ros2msg', message_encoding='cdr', extra=0, extra_size=2, facts=True,
+              message=cdr, crcs=True, data_crcs=False) -> Path:
     """A bare MCAP file by the mcap package, in the order and with the log times given.
 
     order: sort key of (topic, stamp, index); log_time: function of (topic, stamp, index).

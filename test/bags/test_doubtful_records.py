@@ -344,9 +344,8 @@ def test_a_clock_of_one_radial_probe_moves_the_parity_while_the_load_moves():
     assert 'a clock, a delay or a drift of one of them' in note
 
 
-def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(
-    tmp_path, recording,
-):
+def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(tmp_path,
+                                                                                   recording):
     changed = recording
     for number, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS)):
         place = np.arange(recording.stamps[topic].size)

@@ -51,9 +51,8 @@ def struck(recording):
     return recording.changed(LOAD_TOPIC, values=load).changed(PROBE_TOPICS[1], gap, values)
 
 
-def test_a_run_through_scratch_files_is_the_same_to_the_last_bit(
-    tmp_path, struck, in_small_blocks,
-):
+def test_a_run_through_scratch_files_is_the_same_to_the_last_bit(tmp_path, struck,
+                                                                 in_small_blocks):
     bag = struck.write(tmp_path / 'bag')
     short = read_run(bag, rig=RIG)
     expected = displacement_of_run(RIG, short)
@@ -89,9 +88,8 @@ def test_what_is_looked_at_in_blocks_is_what_is_seen_in_the_whole(in_small_block
 
 
 @pytest.mark.parametrize('suffix', ['csv', 'parquet'])
-def test_a_table_written_in_stretches_is_the_table_written_whole(
-    tmp_path, recording, in_small_blocks, suffix,
-):
+def test_a_table_written_in_stretches_is_the_table_written_whole(tmp_path, recording,
+                                                                 in_small_blocks, suffix):
     run = read_run(recording.write(tmp_path / 'bag'), rig=RIG)
     whole, parts = tmp_path / f'whole.{suffix}', tmp_path / f'parts.{suffix}'
     zero = zero_of_run(RIG, run)
@@ -172,9 +170,8 @@ def fit(bags):
 
 
 @pytest.mark.parametrize('work', [displacement, info, fit])
-def test_memory_grows_neither_with_the_length_nor_with_the_number_of_bags(
-    long_bags, in_small_blocks, work,
-):
+def test_memory_grows_neither_with_the_length_nor_with_the_number_of_bags(long_bags,
+                                                                          in_small_blocks, work):
     in_small_blocks(long=2_500, block=2_500)
     work(long_bags[0])  # what is loaded once
     short, *others = (peak_of(lambda bags=bags: work(bags)) for bags in long_bags)

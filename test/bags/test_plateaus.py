@@ -21,9 +21,8 @@ def staircase(*, step=1.0, top=25.0, preload=0.5, cycles=1) -> list[float]:
     return once + once[1:] * (cycles - 1)
 
 
-def static_run(
-    levels, *, hold=5.0, ramp=1.0, rate=20.0, lag=0.3, noise=120.0, correlation=0.0, seed=0,
-):
+def static_run(levels, *, hold=5.0, ramp=1.0, rate=20.0, lag=0.3, noise=120.0, correlation=0.0,
+               seed=0):
     """A held staircase as a rig drives it: `lag` [s] to settle, white and slow noise."""
     random = np.random.default_rng(seed)
     times, targets = [0.0], [levels[0]]

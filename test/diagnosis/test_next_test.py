@@ -167,9 +167,8 @@ def an_unknown(explained: float, *group: str, law=None, runs=((), ())) -> str:
 @pytest.mark.parametrize(('fitted', 'held_out', 'words'), [
     ((50.0, 50.0), (70.0, 50.0), 'Fit run_2 too: at one elevation many causes look alike. '),
     ((50.0, 70.0), (30.0,), ''), ((50.0,), (50.0,), ''), ((50.0,), (), '')])
-def test_a_held_out_run_at_another_elevation_is_the_first_test_of_an_unknown(
-    fitted, held_out, words,
-):
+def test_a_held_out_run_at_another_elevation_is_the_first_test_of_an_unknown(fitted, held_out,
+                                                                             words):
     """A ring whose five bags name an elevation error was told to record a fast ramp."""
     runs = [SimpleNamespace(name=f'run_{number}', test='static', elevation=math.radians(degrees),
                             rig_hash=default_rig().digest)

@@ -199,10 +199,8 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     assert answer.probabilities['unknown'] > 0.85
 
 
-def diagnosed_in_two_views(
-    both: Callable[[dict[str, float], Run], dict[str, np.ndarray]],
-    run_of: Callable[[int], Run], rate: Parameter,
-) -> Diagnosis:
+def diagnosed_in_two_views(both: Callable[[dict[str, float], Run], dict[str, np.ndarray]],
+                           run_of: Callable[[int], Run], rate: Parameter) -> Diagnosis:
     """Three runs fitted and one held out; the model has friction and a view `other`."""
     model = Model(both, {**MODEL.base, 'rate': rate},
                   {'friction': MODEL.effects['friction']},

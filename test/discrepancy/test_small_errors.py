@@ -264,9 +264,8 @@ def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_err
     return small_errors.Model(fit, evidence, 1e-4, visible, joint)
 
 
-def among_of(
-    best: small_errors.Model, others: Sequence[small_errors.Model], *inputs: str
-) -> searching.Among:
+def among_of(best: small_errors.Model, others: Sequence[small_errors.Model],
+             *inputs: str) -> searching.Among:
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
     errors: Any = SimpleNamespace(

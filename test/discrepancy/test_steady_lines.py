@@ -10,9 +10,8 @@ from saddlering_ros.discrepancy.verdict.steady_lines import find_line, line_gain
 STEP = 1e-3
 
 
-def stretches(
-    seed: int, frequency: float = 0.0, amplitude: float = 0.0, channel: int = 1
-) -> list[RestSegment]:
+def stretches(seed: int, frequency: float = 0.0, amplitude: float = 0.0,
+              channel: int = 1) -> list[RestSegment]:
     """Four stretches of about a second, two channels of white and slow noise, rms near 1."""
     random = np.random.default_rng(seed)
     found = []

@@ -158,9 +158,8 @@ def test_stamps_between_those_of_the_load_make_no_correlation():
 FINE = 0.01
 
 
-def relaxing(
-    random: np.random.Generator, count: int, white: float, slow: float, tau: float
-) -> list[RestSegment]:
+def relaxing(random: np.random.Generator, count: int, white: float, slow: float,
+             tau: float) -> list[RestSegment]:
     keep = np.exp(-FINE / tau)
     drive = random.normal(size=count * 400) * slow * np.sqrt(1.0 - keep**2)
     noise = lfilter([1.0], [1.0, -keep], drive) + random.normal(size=count * 400) * white

@@ -51,10 +51,8 @@ def correlated(random, std, memory, shape):
     return lfilter([1.0], [1.0, -memory], drive, axis=-1)[..., 300:]
 
 
-def record(
-    test, profile, *, elevation=50.0, contact=TRUE_TO_SCALE, noise=3e-7, load_noise=0.0,
-    memory=0.0, seed=0, rig=RIG, name=None, effects=None,
-):
+def record(test, profile, *, elevation=50.0, contact=TRUE_TO_SCALE, noise=3e-7, load_noise=0.0,
+           memory=0.0, seed=0, rig=RIG, name=None, effects=None):
     """A Record of the simulator's own readings with noise [m] on the gaps, [N] on the load."""
     random = np.random.default_rng(seed)
     time, load = profile

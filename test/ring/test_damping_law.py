@@ -177,9 +177,8 @@ def test_an_exponent_left_out_is_that_of_each_row() -> None:
     assert np.abs(middle[1] - left_out[1]).max() > 1e-7
 
 
-def lag_of_a_ramp(
-        rig: Rig, law: dict[str, float], shares: tuple[float, ...],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def lag_of_a_ramp(rig: Rig, law: dict[str, float],
+                  shares: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lag and rest [m] of delta_x in a slow ramp at shares of full scale, and its rate [m/s]."""
     time = np.arange(0.0, 20.0, 0.01)
     load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])

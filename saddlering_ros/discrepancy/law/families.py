@@ -262,9 +262,8 @@ class BlockFit:
         return min(1.0, trials * float(each))
 
 
-def fit_block(
-    folds: Folds, wanted: Array, target: str, block: ShapeFamily, white: Array
-) -> BlockFit:
+def fit_block(folds: Folds, wanted: Array, target: str, block: ShapeFamily,
+              white: Array) -> BlockFit:
     """`block` on `target`, its whitened columns (n, k) fitted to a whitened residual (n,)."""
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
@@ -306,9 +305,8 @@ def _solve(block: ShapeFamily, matrices: Array, slope: Array) -> Array:
     return np.asarray(up if left_up <= left_down else -down)
 
 
-def forced(
-    changes: Sequence[Array], states: Mapping[str, Sequence[Array]]
-) -> tuple[float, str, Array, Array, list[Array]]:
+def forced(changes: Sequence[Array],
+           states: Mapping[str, Sequence[Array]]) -> tuple[float, str, Array, Array, list[Array]]:
     """The coordinate over which one curve, added at every sample, repeats changes (C, N) by run.
 
     The share of their power that it repeats, the coordinate, its splines (n, K) in all runs, the

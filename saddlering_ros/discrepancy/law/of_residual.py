@@ -117,9 +117,8 @@ def _plain(problem: Problem, run: RunBlocks, fit: Fit) -> ObservedRun:
     return _observed(problem, run, fit.point, run.channels, still)
 
 
-def _observed(
-    problem: Problem, run: RunBlocks, point: Point, residual: Array, slopes: Array
-) -> ObservedRun:
+def _observed(problem: Problem, run: RunBlocks, point: Point, residual: Array,
+              slopes: Array) -> ObservedRun:
     """A run with its targets and its coordinates: drive, direction, rate, time, and any others."""
     system, targets = problem.system, dict[str, Array]()
     for name, weights in system.views.items():

@@ -377,10 +377,8 @@ class LawProposal:
                        worse=tuple(worse))
 
 
-def propose_law(
-    misfit: Misfit, mean_square: MeanSquare, held_out: Sequence[ObservedRun] = (),
-    error_rate: float = 0.01,
-) -> LawProposal | None:
+def propose_law(misfit: Misfit, mean_square: MeanSquare, held_out: Sequence[ObservedRun] = (),
+                error_rate: float = 0.01) -> LawProposal | None:
     """The best law of at most two families, or None if none passes the test."""
     wanted = misfit.residual
     total = float(wanted @ wanted)
@@ -437,10 +435,8 @@ def _left(wanted: Array, chosen: Sequence[BlockFit], without: int | None = None)
     return left
 
 
-def _reasons(
-    misfit: Misfit, ranked: list[BlockFit], terms: tuple[Term, ...],
-    held_out: Sequence[ObservedRun],
-) -> list[str]:
+def _reasons(misfit: Misfit, ranked: list[BlockFit], terms: tuple[Term, ...],
+             held_out: Sequence[ObservedRun]) -> list[str]:
     best = ranked[0]
     reasons: list[str] = []
     for term in terms:

@@ -155,10 +155,9 @@ Asked = tuple[list[Point], list[float]]
 Asking = Generator[Asked, Told | None, Fit]
 
 
-def refit(
-    metric: Whitening, candidate: Candidate, start: Array, known_columns: Array | None = None, *,
-    rounds: int = 8, fresh_base: bool = False, known_start: Fit | None = None,
-) -> Asking:
+def refit(metric: Whitening, candidate: Candidate, start: Array,
+          known_columns: Array | None = None, *, rounds: int = 8, fresh_base: bool = False,
+          known_start: Fit | None = None) -> Asking:
     """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
 
     Without `known_columns` every column is differenced at every step. With them the columns of
@@ -216,9 +215,8 @@ def _differences(columns: Array) -> Array:
     return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)
 
 
-def neighbours(
-    candidate: Candidate, base: Sequence[Parameter], theta_unit: Array, differenced: Iterable[int],
-) -> Asked:
+def neighbours(candidate: Candidate, base: Sequence[Parameter], theta_unit: Array,
+               differenced: Iterable[int]) -> Asked:
     """The point at `theta_unit`, those one step away in each of `differenced`, and the steps."""
     parameters, steps = candidate.parameters(base), list[float]()
     points = [candidate.point(base, theta_unit)]

@@ -219,9 +219,8 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     return Among(space, best, others, errors)
 
 
-def _complete(
-    space: ModelSpace, errors: SmallErrors, models: dict[Key, Model], completed: set[Key],
-) -> None:
+def _complete(space: ModelSpace, errors: SmallErrors, models: dict[Key, Model],
+              completed: set[Key]) -> None:
     """Finish the fits whose slopes promise to be nearly as likely as the best one, each once.
 
     The evidence of an unfinished fit is no evidence against its model: the true one of a ring was
@@ -281,9 +280,8 @@ def _size(space: ModelSpace, change: Array) -> float:
     return float(space.scale.sizes(change[:, None]).max())
 
 
-def _with_another(
-    space: ModelSpace, fit: Fit, most: int | None = None, excluded: Sequence[str] = ()
-) -> list[Fit]:
+def _with_another(space: ModelSpace, fit: Fit, most: int | None = None,
+                  excluded: Sequence[str] = ()) -> list[Fit]:
     """The model of `fit` plus each of the best effects to first order; without `most`, of all."""
     scores = ranking.rank(fit, space.tangent_of(fit).white, space.shown, excluded)
     return fit_each(space, fit, ranking.best_of_each(scores)[:most])

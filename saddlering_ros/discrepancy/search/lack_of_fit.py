@@ -335,9 +335,8 @@ MIN_LEVEL = 0.2
 not make every shape significant."""
 
 
-def consistency_tests(
-    metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
-) -> list[ShapeTest]:
+def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual,
+                      pairs: int) -> list[ShapeTest]:
     """Every family of these runs; the number of families is counted in the p-values.
 
     Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
@@ -394,9 +393,8 @@ def is_noise_alone(metric: Metric, fit: Fit) -> bool:
     return min(chances) >= settings.error_rate
 
 
-def _consistent_families(
-    problem: Problem, fit: Fit, tangent: Tangent
-) -> Iterator[tuple[str, list[Block]]]:
+def _consistent_families(problem: Problem, fit: Fit,
+                         tangent: Tangent) -> Iterator[tuple[str, list[Block]]]:
     """Families of shapes about a fit by their kind, one at a time because they are large."""
     runs, slices, plain = problem.runs, problem.slices, tangent.plain
     channels = len(problem.system.channel_names)

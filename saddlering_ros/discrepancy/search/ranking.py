@@ -54,9 +54,8 @@ class Score:
     amplitude_dependent: bool = False
 
 
-def rank(
-    fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = ()
-) -> list[Score]:
+def rank(fit: Fit, white_columns: Array, signatures: Sequence[Signature],
+         skip: Sequence[str] = ()) -> list[Score]:
     """Candidates by the first-order gain of their signatures, each with its best start.
 
     No effect of the fit is a candidate, and no law that contains one of these or that one of these
@@ -170,9 +169,8 @@ MAX_PAIRS = 4
 """Largest number of pairs that are refitted. Chosen for cost."""
 
 
-def best_pairs(
-    base: Fit, usable: Sequence[Signature], least: float
-) -> list[tuple[Candidate, Array]]:
+def best_pairs(base: Fit, usable: Sequence[Signature],
+               least: float) -> list[tuple[Candidate, Array]]:
     """The best pairs of effects that promise more than `least`, with starts of their refits."""
     # One size of every straight effect, and all sizes of the others.
     shapes: dict[tuple[object, ...], Signature] = {}

@@ -411,9 +411,8 @@ def learnt_without(alone: ModelSpace, search: Search, name: str, dropped: list[A
     return replace(search, space=space, fit=fit, alternatives=alternatives)
 
 
-def space_beside_error(
-    space: ModelSpace, fit: Fit, dropped: Sequence[Array] = ()
-) -> tuple[ModelSpace, Fit]:
+def space_beside_error(space: ModelSpace, fit: Fit,
+                       dropped: Sequence[Array] = ()) -> tuple[ModelSpace, Fit]:
     """A space in whose metric the residual of `fit` is model error, and the fit.
 
     dropped: changes (n,) that are model error of one standard deviation each, too.

@@ -116,9 +116,8 @@ class Signature:
         return (*self.key, *np.round(self.theta_unit[1:], 6).tolist())
 
 
-def measure_signatures(
-    metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale, effects: Sequence[Effect]
-) -> list[Signature]:
+def measure_signatures(metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale,
+                       effects: Sequence[Effect]) -> list[Signature]:
     """Signatures of each of `effects`, its variants and starts at the base fit.
 
     Amplitude-dependent effects have signatures at small sizes too.
@@ -349,9 +348,8 @@ def length_needed(space: ModelSpace, effect: Effect) -> float:
     return float(np.sqrt(extra * fisher_limit(rate, extra, space.pairs))) + POWER_QUANTILE
 
 
-def _limit_of(
-    effect: Effect, members: Sequence[Signature], needed: float, materiality: float
-) -> DetectionLimit:
+def _limit_of(effect: Effect, members: Sequence[Signature], needed: float,
+              materiality: float) -> DetectionLimit:
     """Limits of an effect whose signature is found with a length `needed` [std of the noise]."""
     share = testable_share(members)
     reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
@@ -417,9 +415,8 @@ def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
     return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)
 
 
-def _confirmed(
-    space: ModelSpace, stated: DetectionLimit, effect: Effect, needed: float
-) -> DetectionLimit:
+def _confirmed(space: ModelSpace, stated: DetectionLimit, effect: Effect,
+               needed: float) -> DetectionLimit:
     """The same limit, larger where the refitted base imitates more than its tangents do."""
     if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
         return stated
@@ -446,9 +443,8 @@ def _confirmed(
         material_limit=material, testable=stated.testable and bool(np.isfinite(limit)))
 
 
-def _size_reaching(
-    height: Callable[[float], float], size: float, wanted: float, reach: float
-) -> float:
+def _size_reaching(height: Callable[[float], float], size: float, wanted: float,
+                   reach: float) -> float:
     """The size, from `size` on, at which a height reaches `wanted`; inf if none up to `reach`."""
     if not np.isfinite(size):
         return size
@@ -467,9 +463,8 @@ def _size_reaching(
     return float(np.inf)
 
 
-def _shown(
-    space: ModelSpace, effect: Effect, configuration: Configuration, size: float
-) -> tuple[float, float] | None:
+def _shown(space: ModelSpace, effect: Effect, configuration: Configuration,
+           size: float) -> tuple[float, float] | None:
     """Part of an effect that the base, fitted to the effect's prediction, does not imitate.
 
     Its length [standard deviations], and its share of the range; None if the simulator fails.

@@ -174,10 +174,8 @@ class SmallErrors:
             found = Unequal(better, spread if count == 1 else found.beside_one, spread, factors)
         return found
 
-    def _larger(
-        self, seen: '_Projected', outside: Array, spread: float, powers: Array, factors: Array,
-        small: Collection[str],
-    ) -> tuple[float, int, float]:
+    def _larger(self, seen: '_Projected', outside: Array, spread: float, powers: Array,
+                factors: Array, small: Collection[str]) -> tuple[float, int, float]:
         """Gain of the evidence, kind and factor of the errors that are best made larger."""
         ends = np.cumsum([len(outside), *(kind.shape[1] for _, kind in self._kinds)])
         inside, *kinds = np.split(_in_errors(spread**2 * powers, np.hstack([
@@ -206,9 +204,8 @@ class SmallErrors:
         return space.once('seen among errors', fit, lambda: self._project(
             space, fit, space.tangent_of(fit).plain, fit.prediction))
 
-    def _project(
-        self, space: ModelSpace, fit: Fit, tangent: Array, prediction: Array
-    ) -> '_Projected':
+    def _project(self, space: ModelSpace, fit: Fit, tangent: Array,
+                 prediction: Array) -> '_Projected':
         """Sensitivities `tangent` (n, k) and `prediction` (n,) of a fit in the metric."""
         problem = space.problem
         # The forms that the laws of the fit may have, by the share of each law.

@@ -181,9 +181,8 @@ class ModelSpace:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
-    def continued(
-        self, fits: Sequence[Fit], rounds: int, begun_at: Fit | None = None
-    ) -> list[Fit]:
+    def continued(self, fits: Sequence[Fit], rounds: int,
+                  begun_at: Fit | None = None) -> list[Fit]:
         """The same fits after further rounds.
 
         A fit whose base is not that of `begun_at` began at the declared start, which is far from
@@ -315,9 +314,8 @@ CLOSE_SHARE = 0.5
 rounds. By the limits of Settings, alternatives that stay open explain more."""
 
 
-def fit_each(
-    space: ModelSpace, fit: Fit, scores: Sequence[Score], beside: Sequence[Fit] = ()
-) -> list[Fit]:
+def fit_each(space: ModelSpace, fit: Fit, scores: Sequence[Score],
+             beside: Sequence[Fit] = ()) -> list[Fit]:
     """The model of `fit` plus each scored candidate, refitted together, the best first.
 
     A candidate far behind the best one, or far behind the fits `beside`, stops after a few rounds.
@@ -338,9 +336,8 @@ def fit_each(
     return sorted(fits, key=space.penalised)
 
 
-def raced_from(
-    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit], rounds: int
-) -> list[Fit]:
+def raced_from(space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit],
+               rounds: int) -> list[Fit]:
     """The model of `fit` plus each candidate from each start, after these rounds or none."""
     screened = space.started(fit, trials)
     promised = list(map(space.foreseen, screened))
@@ -350,10 +347,8 @@ def raced_from(
     return [*resting, *going[MAX_RACED:], *raced]
 
 
-def _split(
-    space: ModelSpace, fit: Fit, fits: Sequence[Fit], promised: Sequence[float],
-    reached: Iterable[float], share: float,
-) -> tuple[list[Fit], list[Fit]]:
+def _split(space: ModelSpace, fit: Fit, fits: Sequence[Fit], promised: Sequence[float],
+           reached: Iterable[float], share: float) -> tuple[list[Fit], list[Fit]]:
     """Fits that promise this share of the gain that is `reached`, the best first, and others."""
     begun = space.penalised(fit)
     highest = begun - share * (begun - min(reached, default=np.inf))

@@ -50,9 +50,8 @@ as often. Of 625 causes established in sealed draws of docs/benchmarks, 624 were
 and a stand-in at 0.09; a moment arm of a sound ring, of wrong columns of rollers, was at 0.50."""
 
 
-def judge_alone(
-    search: Search, before: Residual, after: Residual, left: str, published: Publication
-) -> tuple[list[str], bool]:
+def judge_alone(search: Search, before: Residual, after: Residual, left: str,
+                published: Publication) -> tuple[list[str], bool]:
     """Sentences on a model for the reader, and whether its effects are established.
 
     before, after: residuals of the base and of the model, without learnt model error; left: where
@@ -232,9 +231,8 @@ def uncertainties_of(cause: Cause, title: str, is_present: bool) -> list[str]:
     return sentences
 
 
-def doubts_beside_error(
-    alone: Search, search: Search, published: Publication, most_dropped: float,
-) -> tuple[list[str], float]:
+def doubts_beside_error(alone: Search, search: Search, published: Publication,
+                        most_dropped: float) -> tuple[list[str], float]:
     """Reasons why causes beside model error are not established, and what these take.
 
     alone: the search without learnt model error; most_dropped: largest power of a cause left out.
@@ -284,9 +282,8 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     return doubts
 
 
-def judge_among(
-    strict: Search, among: Among, before: Residual, after: Residual,
-) -> tuple[Search, Publication, str, list[str]]:
+def judge_among(strict: Search, among: Among, before: Residual,
+                after: Residual) -> tuple[Search, Publication, str, list[str]]:
     """The causes among small errors, their published numbers, the main one, and doubts of it.
 
     Effects that do not stand out among these errors are left out, and belong to them. before,
@@ -365,9 +362,8 @@ def small_secondary_causes(published: Publication, main: str) -> list[str]:
         cause.gain.is_surely_worse or uncertainties_of(cause, '', takes_most(cause)))]
 
 
-def doubts_among(
-    among: Among, name: str, published: Publication,
-) -> tuple[list[str], dict[str, Model]]:
+def doubts_among(among: Among, name: str,
+                 published: Publication) -> tuple[list[str], dict[str, Model]]:
     """Reasons why the main effect of the best model among small errors is not established.
 
     With them other causes that explain as well, each in its model; none of one in doubt. No cause

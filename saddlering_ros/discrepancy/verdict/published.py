@@ -111,10 +111,8 @@ def publish(search: Search, before: Residual, after: Residual) -> Publication:
         for fit, own in zip(fits, plain, strict=True)], otherwise)
 
 
-def publish_settled(
-    search: Search, sources: Sequence[Fit], otherwise: Sequence[Fit], before: Residual,
-    after: Residual,
-) -> Publication:
+def publish_settled(search: Search, sources: Sequence[Fit], otherwise: Sequence[Fit],
+                    before: Residual, after: Residual) -> Publication:
     """Publish causes of the size that a fit beside small errors gives them.
 
     With noise alone they would take what belongs to the small errors. The base is refitted beside
@@ -150,9 +148,8 @@ def _metric_of(space: ModelSpace) -> Metric:
     return space.metric if space.problem.assumptions.is_persistent else space.metric.with_offsets()
 
 
-def _gain(
-    problem: Problem, less: _Model, more: _Model, interval: tuple[float, float] | None,
-) -> Gain:
+def _gain(problem: Problem, less: _Model, more: _Model,
+          interval: tuple[float, float] | None) -> Gain:
     """Gain of a model over another one, on fitted and on predicted runs; interval: of these."""
     fitted = ratio(*(
         problem.squared_misfit(
@@ -168,10 +165,8 @@ def _gain(
                 interval)
 
 
-def _publication(
-    search: Search, sources: Sequence[Fit], before: Residual, after: Residual,
-    refitted: Sequence[_Model], otherwise: Sequence[Fit] = (),
-) -> Publication:
+def _publication(search: Search, sources: Sequence[Fit], before: Residual, after: Residual,
+                 refitted: Sequence[_Model], otherwise: Sequence[Fit] = ()) -> Publication:
     """The numbers of models that were fitted without nuisance parameters, those of `_wanted`."""
     space, fit, problem = search.space, search.fit, search.space.problem
     parameters, count = problem.system.base_parameters, len(problem.system.base_parameters)
@@ -228,9 +223,8 @@ def _publication(
         converged=all(each.fit.converged and each.plain.converged for each in refitted))
 
 
-def with_form_error(
-    effect: Effect, sizes: Mapping[str, Estimate], size_error: float = 0.0,
-) -> dict[str, Estimate]:
+def with_form_error(effect: Effect, sizes: Mapping[str, Estimate],
+                    size_error: float = 0.0) -> dict[str, Estimate]:
     """Parameters of an effect, with its form error in the deviation of every amplitude.
 
     size_error: share by which other errors of the machine bend it, or bend a logarithmic size.
@@ -281,10 +275,8 @@ def base_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     return [wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else []
 
 
-def _covariance(
-    space: ModelSpace, sources: Sequence[Fit], published: Fit, residual: Residual,
-    otherwise: Sequence[Fit] = (),
-) -> Array:
+def _covariance(space: ModelSpace, sources: Sequence[Fit], published: Fit, residual: Residual,
+                otherwise: Sequence[Fit] = ()) -> Array:
     """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters.
 
     sources: fits in the space with the effects of the published one and perhaps more. The first
@@ -311,9 +303,8 @@ def _covariance(
         apart.max(axis=0) ** 2 + (published.theta_unit - points[0]) ** 2))
 
 
-def _estimates(
-    parameters: Sequence[Parameter], theta_unit: Array, covariance: Array
-) -> dict[str, Estimate]:
+def _estimates(parameters: Sequence[Parameter], theta_unit: Array,
+               covariance: Array) -> dict[str, Estimate]:
     """The first parameters of a fit in their units."""
     return {
         parameter.name: Estimate(
@@ -422,9 +413,8 @@ MIN_KNOWN = 0.01
 a pair of a static and a dynamic run, and below 0.0006 of D in the static one."""
 
 
-def predicted_residuals(
-    problem: Problem, fit: Fit, moves: Sequence[Array] | None = None
-) -> list[Array]:
+def predicted_residuals(problem: Problem, fit: Fit,
+                        moves: Sequence[Array] | None = None) -> list[Array]:
     """Residuals (C, N) of the held-out runs; without any, of each run but for a single one.
 
     Such a run is predicted from the others by one Gauss-Newton step. What these leave open of the

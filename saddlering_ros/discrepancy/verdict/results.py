@@ -471,10 +471,8 @@ NOTHING = 0.97
 """How often nothing was there if no misfit beyond noise was found in draws: 138 of 143."""
 
 
-def probabilities_of(
-    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0,
-    nothing: float | None = None, listed: float = 1.0,
-) -> dict[str, float]:
+def probabilities_of(verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0,
+                     nothing: float | None = None, listed: float = 1.0) -> dict[str, float]:
     """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
 
     The chance of established causes falls with a power of the share of the misfit that they leave

@@ -95,10 +95,9 @@ class Line:
     step: float
 
 
-def find_line(
-    segments: Sequence[RestSegment], error_rate: float,
-    between: tuple[float, float] = (MIN_FREQUENCY, np.inf), min_samples: int = MIN_SAMPLES,
-) -> tuple[Line | None, float]:
+def find_line(segments: Sequence[RestSegment], error_rate: float,
+              between: tuple[float, float] = (MIN_FREQUENCY, np.inf),
+              min_samples: int = MIN_SAMPLES) -> tuple[Line | None, float]:
     """The strongest line that is real at `error_rate`, in the runs with the fastest sampling.
 
     With it the amplitude that would be found. between: lowest and highest frequency [Hz] of the
@@ -226,9 +225,8 @@ class Stretch:
     segment: RestSegment
 
 
-def _in_whole_runs(
-    runs: Sequence[RunBlocks], stretches: Sequence[Stretch], error_rate: float,
-) -> tuple[Line, list[RestSegment]] | None:
+def _in_whole_runs(runs: Sequence[RunBlocks], stretches: Sequence[Stretch],
+                   error_rate: float) -> tuple[Line, list[RestSegment]] | None:
     """The strongest line of whole runs, if it is steady, and the stretches that show it."""
     usable = [stretch.segment for stretch in stretches]
     longest = max(map(_duration, usable))
@@ -249,9 +247,8 @@ def _in_whole_runs(
     return replace(line, amplitude=line.amplitude / whole, deviation=line.deviation / whole), shown
 
 
-def _in_holds(
-    runs: Sequence[RunBlocks], error_rate: float
-) -> tuple[Line, list[RestSegment]] | None:
+def _in_holds(runs: Sequence[RunBlocks],
+              error_rate: float) -> tuple[Line, list[RestSegment]] | None:
     """The strongest line of the holds of static tests, if it is steady, and the holds."""
     usable = [segment for run in runs if not run.held_out for segment in run.rest
               if segment.values.shape[1] >= MIN_HOLD_SAMPLES]
@@ -348,9 +345,8 @@ def _strength(segment: RestSegment, line: Line) -> tuple[float, float]:
             float(np.linalg.norm(deviation[line.own])))
 
 
-def _cleaned(
-    runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch], line: Line
-) -> tuple[tuple[RunBlocks, ...], list[Array]]:
+def _cleaned(runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch],
+             line: Line) -> tuple[tuple[RunBlocks, ...], list[Array]]:
     """Runs and residuals minus the line, with a phase of its own in every channel and stretch."""
     channels = [run.channels.copy() for run in runs]
     left = [residual.copy() for residual in residuals]
@@ -376,9 +372,8 @@ def _line_in(segment: RestSegment, line: Line) -> Array:
     return np.asarray((swings @ (parts * line.own)).T)
 
 
-def find_steady_lines(
-    problem: Problem, trials: int
-) -> tuple[list[Cause], list[Evidence], list[DetectionLimit]]:
+def find_steady_lines(problem: Problem,
+                      trials: int) -> tuple[list[Cause], list[Evidence], list[DetectionLimit]]:
     """Lines in the stretches at rest of the fitted runs, for every effect that is a line.
 
     Lines that are causes, lines that are too small, and detection limits.
@@ -413,9 +408,8 @@ def find_steady_lines(
     return causes, immaterial, limits
 
 
-def find_slow_lines(
-    metric: Metric, base: Fit, trials: int
-) -> tuple[list[Cause], tuple[RunBlocks, ...]]:
+def find_slow_lines(metric: Metric, base: Fit,
+                    trials: int) -> tuple[list[Cause], tuple[RunBlocks, ...]]:
     """The material slow lines in the residual of the base fit, the strongest first.
 
     With them come all runs without slow lines.
@@ -444,10 +438,8 @@ def find_slow_lines(
     return [cause for cause in causes if cause.visible >= problem.settings.materiality], kept
 
 
-def _cause(
-    problem: Problem, effect: Effect, line: Line, segments: Sequence[RestSegment],
-    held_out: float | None, how: str,
-) -> Cause:
+def _cause(problem: Problem, effect: Effect, line: Line, segments: Sequence[RestSegment],
+           held_out: float | None, how: str) -> Cause:
     """The line as a cause, in the variant whose channels are closest to those with the line.
 
     segments: where its gain is measured; held_out: its gain on held-out runs.

@@ -64,10 +64,8 @@ def standing(remainder: Sequence[object] | None, cause: results.CauseEntry) -> s
     return f' ({words})' if cause.get('partial') else ''
 
 
-def cause_lines(
-    cause: results.CauseEntry, values: str, title_of: Callable[[str], str], how: str,
-    remainder: Sequence[object] | None,
-) -> list[str]:
+def cause_lines(cause: results.CauseEntry, values: str, title_of: Callable[[str], str], how: str,
+                remainder: Sequence[object] | None) -> list[str]:
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
     gain = cause['gain']
     lines = [
@@ -378,10 +376,8 @@ def worse_prediction_words(title: str, rise: float, how: str) -> str:
             f'worse: the misfit there rises by {percent(rise)}')
 
 
-def some_runs_words(
-    title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
-    elsewhere: tuple[float, float],
-) -> str:
+def some_runs_words(title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
+                    elsewhere: tuple[float, float]) -> str:
     """size: in these runs; elsewhere: share of it in the others; both with deviation."""
     there = quantities.signed_percent(*size) if unit == '1' else quantity(size[0], unit, size[1])
     return (f'{title} acts in {joined(runs)} only (size {there} there, '

@@ -219,9 +219,8 @@ def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> 
     return sentences
 
 
-def unlike_channels_unpatched(
-    alone: ModelSpace, search: Search, published: Publication,
-) -> list[str]:
+def unlike_channels_unpatched(alone: ModelSpace, search: Search,
+                              published: Publication) -> list[str]:
     """The same of the main cause without those in one channel, which can make up for its law."""
     problem, fit = alone.problem, search.fit
     squares = problem.in_views(search.space.changes_of(fit)) ** 2
