@@ -55,6 +55,17 @@ def test_a_shape_that_its_bound_stopped_is_no_name() -> None:
     assert diagnose(MODEL, [record('a')]).verdict == 'named'
 
 
+@pytest.mark.parametrize(('low', 'verdict'), [(0.3, 'unknown'), (0.25, 'named')])
+def test_a_sharp_shape_on_its_bound_is_no_name_even_if_nothing_pulls_it_beyond(
+    low: float, verdict: str,
+) -> None:
+    edge = replace(BEND, parameters={'size': Parameter(-2, 2), 'width': Parameter(low, 1.0)})
+    found = diagnose(replace(MODEL, effects={'bend': edge}), [record('a', seed=5)])
+    width = found.causes[0].parameters['width']
+    assert width.value == pytest.approx(0.3, abs=2.0 * width.std)
+    assert found.verdict == verdict
+
+
 def test_a_cause_that_is_real_and_leaves_something_visible_is_part_of_the_cause_only() -> None:
     run = record('a')
     drift = 0.1 * (TIME / TIME[-1]) ** 2

@@ -322,8 +322,8 @@ SHAPE_LEFT = ('{}: the residual follows one coordinate ({}) more than errors of 
               'the machine could: the true cause may be another one')
 WRONG_INPUTS = ('{}: the error of an input resembles other causes, and is established only if it '
                 'is the only cause and leaves no more than noise')
-SHAPE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the true cause has a '
-                  'shape outside the bounds')
+SHAPE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the true cause may '
+                  'have a shape outside the bounds')
 SIZE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the size exceeds the '
                  'expected range, or another cause contributes')
 BASE_AT_BOUND = ('{}: the misfit falls further beyond this bound, which a cause can imitate: see '
