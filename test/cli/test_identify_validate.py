@@ -119,13 +119,6 @@ def test_what_cannot_be_meant_is_said_in_one_line(bags, wrong, words, capsys):
     assert words in error
 
 
-def test_a_run_of_too_little_range_is_said_in_one_line(tmp_path, capsys):
-    assert main(['identify', write(tmp_path, static_run(50.0, top=4))]) == 2
-    error = capsys.readouterr().err
-    assert error.count('\n') == 1
-    assert 'no load exceeds 5.0 t' in error
-
-
 @pytest.mark.parametrize(('options', 'words'), [
     (('--accuracy', '1e9'), '1 iterations, accuracy reached'),
     (('--iterations', '500', '--stagnation', '1'), 'no more progress')])

@@ -24,9 +24,8 @@ KNOWN = 6
 
 @pytest.fixture(scope='module')
 def fast(campaign) -> RunBlocks:
-    rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'dynamic_50_fast')
-    return build_record(rig, read_run(bag), held_out=False).run
+    record = read_run(*campaign(runs=['dynamic_50_fast']))
+    return build_record(default_rig(), record, held_out=False).run
 
 
 def centred(columns: np.ndarray) -> np.ndarray:
@@ -45,8 +44,7 @@ def test_the_clearance_column_is_what_the_simulator_makes_of_a_clearance(fast):
 
 def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
     rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(rig, read_run(bag), held_out=False).run
+    run = build_record(rig, read_run(*campaign(runs=['static_50'])), held_out=False).run
     load = run.inputs['load']
     rising = slice(0, int(np.argmax(load)))
     gain = {'load_gain': {'gain': 0.2}}
@@ -96,7 +94,7 @@ def test_stiffer_rollers_together_move_the_ring_as_the_simulator_says(fast):
 def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
     """Delta_x has no equilibrium there."""
     rig = default_rig()
-    run = read_run(next(bag for bag in campaign() if bag.name == 'static_50'))
+    run = read_run(*campaign(runs=['static_50']))
     usual = build_record(rig, run, held_out=False).run
     monkeypatch.setattr(units, 'HOLD_SHARE', 0.3)
     fewer = build_record(rig, run, held_out=False).run

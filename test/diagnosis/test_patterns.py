@@ -43,8 +43,8 @@ def probes(run: RunBlocks, x: np.ndarray, y: np.ndarray, tilt: np.ndarray) -> np
 
 @pytest.fixture(scope='module')
 def runs(campaign) -> list[RunBlocks]:
-    bags = [bag for bag in campaign() if bag.name in ('static_50', 'dynamic_50_fast')]
-    return [build_record(default_rig(), read_run(bag), held_out=False).run for bag in bags]
+    return [build_record(default_rig(), read_run(bag), held_out=False).run
+            for bag in campaign(runs=('static_50', 'dynamic_50_fast'))]
 
 
 def test_settling_in_two_coordinates_is_one_cause_with_a_size_in_each(runs) -> None:

@@ -23,13 +23,12 @@ from saddlering_ros.ring.simulator import probe_batch
 
 @pytest.fixture(scope='module')
 def run(campaign):
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    return build_record(default_rig(), read_run(bag), held_out=False).run
+    return build_record(
+        default_rig(), read_run(*campaign(runs=['static_50'])), held_out=False).run
 
 
 def test_no_block_of_a_long_dynamic_run_lies_across_a_gap_of_its_data(campaign):
-    bag = next(bag for bag in campaign() if bag.name == 'dynamic_50')
-    record = read_run(bag)
+    record = read_run(*campaign(runs=['dynamic_50']))
     # 300 times slower, so that a block has 4 s, and the gap is 3 s in the middle of one.
     slow = replace(record, stamps=300 * record.stamps, time=300.0 * record.time, spikes=None,
                    used=None, published=None, probe_marks=None, load_marks=None)
@@ -71,13 +70,13 @@ def error_of_blocks(record: Record) -> float:
 
 @pytest.mark.parametrize(('name', 'most'), [('static_50', 1e-7), ('dynamic_50_fast', 2e-7)])
 def test_blocks_of_a_ring_that_settles_slowly_are_means_of_a_fine_simulation(campaign, name, most):
-    record = read_run(next(bag for bag in campaign() if bag.name == name))
+    record = read_run(*campaign(runs=[name]))
     assert error_of_blocks(replace(record, load=without_noise(record))) < most
 
 
 def test_long_blocks_of_cycles_are_means_of_a_fine_simulation(campaign):
     # Blocks of half a second. Some begin and end at one load and hold a rest between two ramps.
-    record = read_run(next(bag for bag in campaign() if bag.name == 'dynamic_50_fast'))
+    record = read_run(*campaign(runs=['dynamic_50_fast']))
     stamps = record.stamps[0] + np.arange(30_000) * 10_000_000
     time = (stamps - stamps[0]) * 1e-9
     load = np.interp(time % 3.0, np.array([0.0, 0.3, 1.35, 1.65, 3.0]),
@@ -89,8 +88,7 @@ def test_long_blocks_of_cycles_are_means_of_a_fine_simulation(campaign):
 
 @pytest.mark.parametrize('name', ['static_50', 'dynamic_50_fast'])
 def test_the_noise_of_the_load_cell_does_not_move_the_friction_of_the_cylinder(campaign, name):
-    rig = default_rig()
-    record = read_run(next(bag for bag in campaign() if bag.name == name))
+    rig, record = default_rig(), read_run(*campaign(runs=[name]))
     smooth = without_noise(record)
     noisy = smooth + np.random.default_rng(0).normal(0.0, 50.0, smooth.size)
     rubbing = Point(TRUE_TO_SCALE.to_array(), {'cylinder_friction': {

@@ -104,7 +104,7 @@ def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(folde
     folder('hydraulic_load', text=IN_THE_LOAD)
     system, contact = RingSystem(RIG), TRUE_TO_SCALE.to_array()
     assert 'seat_snaps' in [effect.id for effect in system.effects]
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    bag, = campaign(runs=['static_50'])
     run = build_record(RIG, read_run(bag), held_out=False).run
     grid = run.payload
     felt = grid.load + np.interp(grid.load, [2e4, 8e4, 8.1e4, 2e5], [0.0, 0.0, 3e3, 3e3])
@@ -148,7 +148,7 @@ def test_a_residual_uses_an_effect_of_the_folder(tmp_path, campaign, capsys, mon
     own = tmp_path / 'own'
     own.mkdir()
     (own / 'seat_snaps.yaml').write_text(STEP.format(target='delta_x', coordinate='load'))
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    bag, = campaign(runs=['static_50'])
     write_parameters(tmp_path / 'extended.yaml', parameters(5e-6))
     command = ['residual', str(bag), '--params', str(tmp_path / 'extended.yaml')]
     assert main(command) == 2

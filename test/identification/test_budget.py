@@ -26,8 +26,12 @@ def runs():
             virtual_run('dynamic', 50.0, TRUE_TO_SCALE, seed=2)]
 
 
-def test_a_certificate_widens_what_depends_on_it_by_its_own_size(runs):
-    plain = identify(runs, RIG)
+@pytest.fixture(scope='module')
+def plain(runs):
+    return identify(runs, RIG)
+
+
+def test_a_certificate_widens_what_depends_on_it_by_its_own_size(runs, plain):
     stated = identify(runs, replace(RIG, instruments=Instruments(load_gain=2e-3)))
     # A load that is wrong by a share is, but for the weight, K1 and K2 wrong by that share.
     widened = np.sqrt(np.diag(stated.covariance) - np.diag(plain.covariance))
@@ -45,9 +49,8 @@ def test_the_shares_of_the_budget_sum_to_one_and_name_each_source(runs):
                                'clearance_radial'}
 
 
-def test_a_gain_of_all_probes_alike_is_listed_as_a_refit_has_it(runs):
+def test_a_gain_of_all_probes_alike_is_listed_as_a_refit_has_it(runs, plain):
     """At 10 % it moved K1 by 26 % while the fit was as good as that of a sound ring."""
-    plain = identify(runs, RIG)
     moved = identify([replace(run, gaps=1.005 * run.gaps - 0.005 * run.gaps[:, :1])
                       for run in runs], RIG)
     scale = np.array([name[0] == 'n' or getattr(plain.parameters.contact, name)

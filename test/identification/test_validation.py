@@ -278,12 +278,9 @@ def test_a_gain_loses_magnitude_and_keeps_phase():
     assert rate(HUMP, 1.5 * HUMP).magnitude < rating.magnitude < 0.9
 
 
-def test_inside_the_inner_corridor_nothing_is_lost():
-    assert rate(HUMP, HUMP + 0.04).corridor == 1.0
-
-
-def test_outside_the_outer_corridor_everything_is():
-    assert rate(HUMP, HUMP + 0.6).corridor == 0.0
+@pytest.mark.parametrize(('offset', 'corridor'), [(0.04, 1.0), (0.6, 0.0)])
+def test_nothing_is_lost_inside_the_inner_corridor_and_all_outside_the_outer(offset, corridor):
+    assert rate(HUMP, HUMP + offset).corridor == corridor
 
 
 def test_scores_stay_between_zero_and_one():

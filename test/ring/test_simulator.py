@@ -109,21 +109,14 @@ def test_reset_forgets_the_past_completely() -> None:
 
 
 def test_a_batch_gives_each_member_the_numbers_it_gets_alone() -> None:
-    time, load = dynamic_record(0.6)
-    contacts = draw_contacts(5, seed=4)
-    together = probe_batch(RIG, [(c, NO_EXTENSION) for c in contacts], 0.9, time, load)
-    for contact, increments in zip(contacts, together, strict=True):
-        alone = probe_batch(RIG, [(contact, NO_EXTENSION)], 0.9, time, load)[0]
-        assert np.array_equal(alone, increments)
-
-
-def test_a_batch_may_mix_equal_rows_with_worn_ones() -> None:
+    """Equal rows and worn ones may be mixed."""
     time, load = dynamic_record(0.6)
     worn = catalogue()['worn_sector_radial']
     extension = worn.extend(NO_EXTENSION, worn.complete({'wear': 0.3}))
-    mixed = [(TRUE_TO_SCALE.to_array(), NO_EXTENSION), (TRUE_TO_SCALE.to_array(), extension)]
-    together = probe_batch(RIG, mixed, 0.9, time, load)
-    for member, increments in zip(mixed, together, strict=True):
+    members = [(TRUE_TO_SCALE.to_array(), extension),
+               *((law, NO_EXTENSION) for law in draw_contacts(5, seed=4))]
+    together = probe_batch(RIG, members, 0.9, time, load)
+    for member, increments in zip(members, together, strict=True):
         assert np.array_equal(probe_batch(RIG, [member], 0.9, time, load)[0], increments)
 
 
