@@ -14,6 +14,7 @@ import time
 from campaign_stubs import marks, tasks, write_bag
 import pytest
 
+from saddlering_ros.campaign import running
 from saddlering_ros.campaign.running import _warning, dask_workers, run_campaign
 from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 
@@ -122,7 +123,8 @@ def test_workers_and_scheduler_may_be_killed(cluster, works, tmp_path):
     assert list((other.folder / 'results').glob('[0-9a-f]*.json'))
 
 
-def test_no_scheduler_is_one_line():
+def test_no_scheduler_is_one_line(monkeypatch):
+    monkeypatch.setattr(running, 'CONNECT_SECONDS', 0.5)
     with pytest.raises(CampaignError, match='no Dask scheduler answers at'), \
             dask_workers('tcp://127.0.0.1:9'):
         pass
