@@ -184,15 +184,19 @@ class Feed:
                     before = np.maximum.accumulate(np.concatenate([[self._last], times]))
                     self._last, before = int(before[-1]), before[:-1]
                     stuck, back = run_rows[times == before], run_rows[times < before]
-                    if len(stuck):
-                        piece.source.warn('rows with the time of an earlier row are left out',
-                                          len(stuck), f'row {stuck[0] + first + 1}')
+                    is_repeat = np.all([(stuck > 0) & (cells[stuck] == cells[stuck - 1])
+                                        for cells in block.values()], axis=0)
+                    for words, rows_of in (('repeat the row before', stuck[is_repeat]),
+                                           ('have the time of an earlier row', stuck[~is_repeat])):
+                        if len(rows_of):
+                            piece.source.warn(f'rows that {words} are left out', len(rows_of),
+                                              f'row {rows_of[0] + first + 1}')
                     if len(back):
                         furthest = float((before - times)[times < before].max()) / SECOND
                         piece.source.warn('rows whose time goes back are left out', len(back),
                                           f'row {back[0] + first + 1}, by up to {furthest:.6g} s')
                     kept = run_rows[times > before]
-                    left_out += len(run_rows) - len(kept)
+                    left_out += len(run_rows) - len(kept) - int(is_repeat.sum())
                     if len(kept):
                         yield self._part(piece, block, stamps, kept)
             if left_out > max(1.0, MAX_LEFT_OUT * rows):

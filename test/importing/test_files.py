@@ -76,6 +76,21 @@ def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path:
         assert any(words in line for line in result.warnings)
 
 
+def test_a_row_that_repeats_the_row_before_it_costs_nothing(tmp_path: Path) -> None:
+    """A file with 2 % of its rows twice was refused with the advice to split it."""
+    heading, *rows = lines()
+    twice = [row for row in rows for _ in range(2)]
+    result = convert(tmp_path, '\n'.join([heading, *twice]) + '\n', document())
+    assert len(readings(tmp_path)) == ROWS
+    assert result.warnings == (
+        f'{tmp_path}/a.csv: rows that repeat the row before are left out: {ROWS}, first row 2',)
+    other = [f'{row}1' if number % 2 else row for number, row in enumerate(twice)]
+    folder = tmp_path / 'other'
+    folder.mkdir()
+    assert 'rows that have the time of an earlier row are left out: ' in map_documents.refusal(
+        folder, document(), '\n'.join([heading, *other]) + '\n')
+
+
 def test_a_counter_of_milliseconds_that_rolls_over_is_told_with_its_remedy(tmp_path: Path) -> None:
     table = plain_table(t=[str((65_300 + 10 * row) % 65_536) for row in range(ROWS)])
     words = map_documents.refusal(tmp_path, document(time={'column': 't', 'unit': 'ms'}), table)
