@@ -56,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: told_to_end.append(number))
         # At its end the interpreter restores the default, by which a repeated signal kills.
         atexit.register(signal.signal, number, signal.SIG_IGN)
-    began = time.monotonic()
+    began, awaited = time.monotonic(), [one for one in RIG_TOPICS if one != absent_topic(rig)]
+    has_begun = False
     with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
                    namespace=namespace_of(args.namespace)) as node:
         if args.json != '-':
@@ -64,6 +65,11 @@ def run(args: argparse.Namespace) -> int:
         end = began + (args.duration or math.inf)
         while not (node.done or told_to_end or time.monotonic() >= end):
             time.sleep(0.05)
+            if not has_begun and all(map(node.counts().get, awaited)):
+                has_begun = True
+                if args.json != '-':
+                    print(f'load and probes arrive, {time.monotonic() - began:.1f} s after the '
+                          'start', flush=True)
         contradiction = node.settle_rig()
     if contradiction:
         print(f'note: {contradiction}', file=sys.stderr)
@@ -73,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}, namespace '
               f'{namespace_of(args.namespace) or "/"}', file=sys.stderr)
-    elif silent := [topic for topic in RIG_TOPICS
-                    if not counts[topic] and topic != absent_topic(rig)]:
+    elif silent := [topic for topic in awaited if not counts[topic]]:
         print(f'note: nothing was received on {", ".join(silent)}, and the bag is no test without '
               'it: start its driver, or remap its topic, and record again', file=sys.stderr)
     return 0

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+import re
 import signal
 import threading
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from rclpy.duration import Duration
 from rosbags.highlevel import AnyReader
 from rosnet import wait_until
+from sensor_msgs.msg import Range
 
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import RingParameters
@@ -22,7 +24,7 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.live import recorder
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.record import TestMetadata
-from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
 from saddlering_ros.ros.raw_topics import RawPublisher
@@ -129,4 +131,29 @@ def test_a_topic_of_the_rig_that_never_came_is_noted_at_the_end_of_a_recording(
     words = ['record', str(tmp_path / 'bag'), '--domain', str(ros_domain), '--duration', '3']
     assert main(words) == 0
     sending.join()
-    assert capsys.readouterr().err.startswith('note: nothing was received on /rig/eddy_current_1,')
+    told = capsys.readouterr()
+    assert told.err.startswith('note: nothing was received on /rig/eddy_current_1,')
+    assert 'arrive' not in told.out
+
+
+def test_a_recording_tells_when_load_and_probes_arrive(
+        publisher: Publisher, ros_domain: int, tmp_path: Path, monkeypatch: Any,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    """It said "recording", and drivers were found 2.4 s later: the begin of a test was lost."""
+    monkeypatch.setattr(signal, 'signal', lambda number, handler: None)  # of the test run
+    probes = [RawPublisher(publisher.node, probe.name, Range) for probe in PROBES]
+
+    def send() -> None:
+        for out, topic in zip((*probes, publisher.load), (*PROBES, LOAD), strict=True):
+            wait_until(lambda out=out: out.subscriptions() > 0, what='the recorder')
+            samples = Samples(np.arange(1, 6) * 1_000_000, np.ones(5), 0.0, 2.0)
+            out.send(encode_samples(samples, topic), 0)
+
+    sending = threading.Thread(target=send)
+    sending.start()
+    words = ['record', str(tmp_path / 'bag'), '--domain', str(ros_domain), '--duration', '5']
+    assert main(words) == 0
+    sending.join()
+    first, second, _ = capsys.readouterr().out.splitlines()
+    assert first.startswith('recording ROS domain')
+    assert re.fullmatch(r'load and probes arrive, [0-9.]+ s after the start', second)
