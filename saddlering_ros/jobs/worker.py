@@ -12,6 +12,7 @@ import contextlib
 import importlib
 from multiprocessing.connection import Connection, Pipe
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -81,7 +82,10 @@ class Worker:
                     self.kill()
                     raise Cancelled
         except (EOFError, OSError):
-            return FAILED, f'the worker process ended with status {self.kill()}'
+            status = self.kill()
+            remedy = ', as without free memory: use fewer workers or shorter bags'
+            return FAILED, (f'the worker process ended with status {status}'
+                            + remedy * (status == -signal.SIGKILL))
 
     def kill(self) -> int:
         """End the process at once; its exit status."""

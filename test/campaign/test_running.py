@@ -63,7 +63,7 @@ def test_the_tables_hold_verdicts_parameters_and_limits(works, tmp_path):
 @pytest.mark.parametrize(('compute', 'kind', 'words'), [
     ('forever', 'timeout', 'no verdict within 0.5 s: give a larger --time-limit, and --retry'),
     ('greedy', 'memory', 'give a larger --memory-limit, and --retry'),
-    ('killed', 'killed', 'status -9')])
+    ('killed', 'killed', 'status -9, as without free memory: use fewer workers or shorter bags')])
 def test_a_session_beyond_its_limits_is_a_result_with_its_reason(tmp_path, compute, kind, words):
     write_bag(tmp_path / 'works', 'SR-1', 'static_50')
     store = Store(tmp_path / 'store')
