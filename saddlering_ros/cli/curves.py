@@ -80,9 +80,6 @@ def run(args: argparse.Namespace) -> int:
         rig, *model = arguments.read_model(args)
     run = arguments.read_shown(args, args.bag, rig)
     notes, seen = list(run.notes), samples.SamplesSummary()
-    if open_names := ', '.join(name for law in model for name in law.source.undetermined):
-        notes.append(f'the data of {args.params} do not determine {open_names}: where this motion '
-                     'depends on them, it may be wrong')
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
     with Bar() as bar:
         stretches, zero = stretches_of(

@@ -398,6 +398,9 @@ def simulated_stretches(
         if zero is not None and not zero.near_preload:
             notes.append(batches.ZERO_ELSEWHERE)
 
+    if open_names := ', '.join(parameters.source.undetermined):
+        notes.append(f'the data of the parameters do not determine {open_names}: where this '
+                     'motion depends on them, it may be wrong')
     of_run = stretches()
     zero, first = next(of_run)
     return chain([first], (batch for _, batch in of_run)), zero

@@ -246,6 +246,15 @@ def test_the_residual_is_measured_minus_simulated_at_the_same_stamps(bags, found
     assert len(left) > 2000
 
 
+def test_curves_note_the_parameters_that_their_data_leave_open(bags, found):
+    """The commands alone did so: an undetermined D moved a dynamic simulation without a word."""
+    law = found.parameters
+    law = replace(law, source=replace(law.source, undetermined={'D2': 'why'}))
+    for curves in (simulate, residual):
+        assert any('do not determine D2: where' in note
+                   for note in curves(bags[1], parameters=law).notes)
+
+
 def test_curves_are_arrays_a_table_a_file_and_a_figure(bags, tmp_path):
     curves = displacement(bags[1])
     assert list(curves.columns()) == ['stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma',
