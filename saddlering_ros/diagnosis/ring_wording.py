@@ -17,7 +17,7 @@ from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, shown_sizes
 from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.quantities import lowered, percent, quantity, verdict_line, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS
-from saddlering_ros.rig.units import stiffness_per_millimetre
+from saddlering_ros.rig.units import stiffnesses_per_millimetre
 
 Shares = dict[str, float]
 
@@ -486,12 +486,9 @@ def _parameter_lines(document: VerdictDocument, is_extended: bool) -> list[str]:
             lines.append(f'  {name}: {shown}')
             if name in open_after:
                 lines[-1] = '  ' + undetermined_words(name, shown, open_after[name])
-    for row in (1, 2):
-        names = (f'K{row}', f'n{row}')
-        if all(name in values for name in names for values in (before, after)):
-            first, last = (stiffness_per_millimetre(*(values[name] for name in names))
-                           for values in (before, after))
-            best_known = 'best known ' if any(name in open_after for name in names) else ''
-            shown = f'{quantity(first)} -> ' if is_extended else ''
-            lines.append(f'  K{row}: {best_known}{shown}{quantity(last, "N/mm^n")}')
+    first, last = map(stiffnesses_per_millimetre, (before, after))
+    for name in sorted(first.keys() & last):
+        best_known = 'best known ' if {name, f'n{name[1]}'} & open_after.keys() else ''
+        shown = f'{quantity(first[name])} -> ' if is_extended else ''
+        lines.append(f'  {name}: {best_known}{shown}{quantity(last[name], "N/mm^n")}')
     return lines

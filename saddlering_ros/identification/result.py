@@ -19,7 +19,7 @@ from saddlering_ros.rig import (
     ParameterSet,
     ParameterSource,
 )
-from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
+from saddlering_ros.rig.units import line_contact_stiffness, stiffnesses_per_millimetre
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
     penetration = 0.1
     line = line_contact_stiffness() * penetration ** (10.0 / 9.0)
     return {
-        f'K{row}': stiffness_per_millimetre(stiffness, exponent) * penetration**exponent / line
-        for row, stiffness, exponent in ((1, contact.K1, contact.n1), (2, contact.K2, contact.n2))}
+        name: stiffness * penetration**getattr(contact, f'n{name[1]}') / line
+        for name, stiffness in stiffnesses_per_millimetre(vars(contact)).items()}
 
 
 CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
@@ -184,13 +184,11 @@ def _lines_beside_errors(law: FittedLaw | None) -> Iterator[str]:
 def _stiffness_lines(identification: Identification) -> Iterator[str]:
     contact = identification.parameters.contact
     ratios = line_contact_ratios(contact)
-    for row, stiffness, exponent in (
-            ('K1 (axial rows)', contact.K1, contact.n1),
-            ('K2 (radial row)', contact.K2, contact.n2)):
-        value = stiffness_per_millimetre(stiffness, exponent)
-        is_open = {f'K{row[1]}', f'n{row[1]}'} & identification.reasons.keys()
-        yield (f'    {row}: {"best known " if is_open else ""}'
-               f'{quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
+    for (name, stiffness), row in zip(stiffnesses_per_millimetre(vars(contact)).items(),
+                                      ('axial rows', 'radial row'), strict=True):
+        is_open = {name, f'n{name[1]}'} & identification.reasons.keys()
+        yield (f'    {name} ({row}): {"best known " if is_open else ""}'
+               f'{quantity(stiffness, "N/mm^n", digits=5)}, {significant(ratios[name], 2)} '
                'of one roller in Palmgren line contact (at 0.1 mm)')
 
 

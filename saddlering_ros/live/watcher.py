@@ -34,7 +34,7 @@ from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.rig import CHANNELS, ContactParameters, default_rig, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.parameter_file import PARAMETER_UNITS
-from saddlering_ros.rig.units import FORCE_UNITS, stiffness_per_millimetre
+from saddlering_ros.rig.units import FORCE_UNITS, stiffnesses_per_millimetre
 from saddlering_ros.ros import names, raw_topics
 from saddlering_ros.ros.messages import parameters_from_message, progress_of, to_stamp
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
@@ -365,8 +365,8 @@ class Watcher:
         rows = [
             *([name, quantity(float(getattr(contact, name)), PARAMETER_UNITS[name])]
               for name in PARAMETER_NAMES),
-            ['K1', quantity(stiffness_per_millimetre(contact.K1, contact.n1), 'N/mm^n')],
-            ['K2', quantity(stiffness_per_millimetre(contact.K2, contact.n2), 'N/mm^n')],
+            *([name, quantity(stiffness, 'N/mm^n')]
+              for name, stiffness in stiffnesses_per_millimetre(vars(contact)).items()),
             *effect_rows(parameters.effects)]
         with self.lock:
             self._contact = contact

@@ -20,7 +20,7 @@ from saddlering_ros.quantities import compact, percent, probability, quantity, s
 from saddlering_ros.report import figures
 from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet
-from saddlering_ros.rig.units import stiffness_per_millimetre
+from saddlering_ros.rig.units import stiffnesses_per_millimetre
 
 CANDIDATES_SHOWN = 12  # a page; the JSON has all
 TESTS_SHOWN = 6  # a page; the JSON has all
@@ -412,11 +412,9 @@ def interval(name: str, value: float, std: float | None) -> str:
 
 def _per_millimetre(values: Mapping[str, float], undetermined: Collection[str]) -> list[Row]:
     """K1 and K2 of parameters by name, each with its stiffness as catalogues give it."""
-    return [[code(name), quantity(stiffness_per_millimetre(values[name], values[exponent]),
-                                  'N/mm^n'), '',
-             UNDETERMINED if {name, exponent} & set(undetermined) else '']
-            for name, exponent in (('K1', 'n1'), ('K2', 'n2'))
-            if name in values and exponent in values]
+    return [[code(name), quantity(stiffness, 'N/mm^n'), '',
+             UNDETERMINED if {name, f'n{name[1]}'} & set(undetermined) else '']
+            for name, stiffness in stiffnesses_per_millimetre(values).items()]
 
 
 def of_file(parameters: ParameterSet) -> str:

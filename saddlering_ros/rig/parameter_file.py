@@ -19,7 +19,7 @@ import yaml
 from saddlering_ros.errors import did_you_mean, plain_number, refuse_unknown_keys, SaddleringError
 from saddlering_ros.files import Origin, write_text
 from saddlering_ros.plain_yaml import is_number, read_strict_yaml
-from saddlering_ros.rig.units import stiffness_per_millimetre
+from saddlering_ros.rig.units import stiffnesses_per_millimetre
 
 SECTIONS = ('rig', 'bounds', 'contact', 'effects', 'source')
 """What a rig file or a parameter file may hold; one file may be both."""
@@ -295,8 +295,8 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
             'method': source.method,
             **{name: value for name, value in stated.items() if value not in (None, '', [])},
             'note': source.note,
-            'K1_in_N_per_mm_n': stiffness_per_millimetre(contact.K1, contact.n1),
-            'K2_in_N_per_mm_n': stiffness_per_millimetre(contact.K2, contact.n2)}}
+            **{f'{name}_in_N_per_mm_n': stiffness for name, stiffness in
+               stiffnesses_per_millimetre(vars(contact)).items()}}}
     if parameters.effects:
         result['effects'] = {effect: {name: float(value) for name, value in values.items()}
                              for effect, values in parameters.effects.items()}

@@ -4,6 +4,7 @@ Every share of a limit counts from `rig.full_scale_load` of the rig file, so tha
 a rig of 400 t are judged by the same shares.
 """
 
+from collections.abc import Mapping
 import math
 
 TONNE = 1000.0 * 9.80665
@@ -34,9 +35,10 @@ def force_words(force: float, unit: str = 't', decimals: int = 1) -> str:
     return f'{force / FORCE_UNITS[unit]:.{decimals}f} {unit}'
 
 
-def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:
-    """Contact stiffness in N/mm^n (what ADAMS users know) from N/m^n."""
-    return float(stiffness * 1e-3**exponent)
+def stiffnesses_per_millimetre(law: Mapping[str, float]) -> dict[str, float]:
+    """K1 and K2 [N/mm^n] (what ADAMS users know) of a contact law by name, those that it has."""
+    return {name: float(law[name] * 1e-3**law[exponent])
+            for name, exponent in (('K1', 'n1'), ('K2', 'n2')) if {name, exponent} <= law.keys()}
 
 
 def line_contact_stiffness(length: float = 20.0) -> float:

@@ -10,7 +10,7 @@ import pytest
 from saddlering_ros import rig
 from saddlering_ros.rig import Displacement, probes_to_displacement, TONNE, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import displacement_to_probes, gap_increment, resolve_load
-from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
+from saddlering_ros.rig.units import line_contact_stiffness, stiffnesses_per_millimetre
 
 RIG = rig.default_rig()
 RAISED = replace(RIG.probes, radial_height=0.12)
@@ -88,7 +88,8 @@ def test_a_gap_counts_from_zero_in_the_sense_of_its_polarity() -> None:
 
 def test_6e4_newton_per_millimetre_to_the_10_9_is_1_29e8_per_metre() -> None:
     assert round(TRUE_TO_SCALE.K1 / 1e8, 2) == 1.29
-    assert stiffness_per_millimetre(TRUE_TO_SCALE.K1, 10 / 9) == pytest.approx(6e4, rel=1e-12)
+    assert stiffnesses_per_millimetre({'K1': TRUE_TO_SCALE.K1, 'n1': 10 / 9, 'n2': 1.1}) == {
+        'K1': pytest.approx(6e4, rel=1e-12)}
 
 
 def test_palmgrens_law_gives_the_deflection_of_two_contacts_in_series() -> None:
