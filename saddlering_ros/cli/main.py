@@ -37,6 +37,10 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 """Errors of a full disk, where no file is named: of standard output, or of a scratch file."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SEEN: list[int] = []
+"""Signals by which this process was to end: an import of compiled code turns the exception of one
+into an ImportError of its own."""
+
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
@@ -201,6 +205,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
     for one in ENDING:
         if signal.getsignal(one) is _leave:
             signal.signal(one, again)
+    SEEN.append(number)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise SystemExit(128 + number)
@@ -220,6 +225,8 @@ class _Version(argparse.Action):
 
 
 def _complain(message: str, status: int, args: argparse.Namespace) -> int:
+    if SEEN and status == OUR_FAILURE:
+        return 128 + SEEN[0]
     if args.traceback:
         import traceback
         traceback.print_exc()

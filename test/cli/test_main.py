@@ -59,6 +59,20 @@ def test_an_error_is_one_line_and_its_status(capsys, error, status, said):
     assert capsys.readouterr() == ('', said and f'saddlering try: {said}\n')
 
 
+def test_a_signal_that_an_import_turns_into_its_own_failure_ends_the_command(capsys, monkeypatch):
+    """Ctrl-C in the first half second: "failed: ImportError: initialization failed"."""
+    monkeypatch.setattr(command, 'SEEN', [])
+
+    def run(_args):
+        try:
+            command._leave(signal.SIGTERM, None)
+        except SystemExit:
+            raise ImportError('initialization failed') from None
+
+    assert command.run_reporting(run, ARGUMENTS) == 128 + signal.SIGTERM
+    assert capsys.readouterr() == ('', '')
+
+
 @pytest.mark.parametrize('words', [
     'info bag --elevation 5_0', 'info bag --elevation ٥٠', 'plan --noise １',
     'diagnose bag --seed 1_0', 'generate out --test static --elevation 50 --set K1=1_0e8',
