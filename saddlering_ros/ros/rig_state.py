@@ -201,7 +201,7 @@ class Readiness:
                             if status.level > OK and task != Events.name]
                 at, words = self._events.get(node, (-EVENTS_COUNT, ''))
                 if now - at < EVENTS_COUNT:
-                    reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')
+                    reasons.append(f'{node}: {words}, less than {EVENTS_COUNT:g} s ago')
         return reasons
 
     def report(self, elapsed: float) -> TaskStatus:
