@@ -23,6 +23,7 @@ from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem, shares_of_range
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.estimation.least_squares import AT_BOUND
 from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
 from saddlering_ros.quantities import CHANCE
@@ -345,6 +346,11 @@ def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResi
     problem, tests = metric.problem, []
     residual = fit.prediction - problem.measured
     inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
+    # A solver's errors keep a fit from its minimum, which shapes that parameters nearly imitate
+    # would magnify. What a bound keeps is a misfit.
+    free = np.abs(fit.theta_unit - 0.5) < 0.5 - AT_BOUND
+    slope = np.zeros(free.size)
+    slope[free] = np.linalg.lstsq(tangent.white[:, free], fit.whitened, rcond=1e-5)[0]
     for name, blocks in _consistent_families(problem, fit, tangent):
         columns = BlockColumns(metric, blocks, 1 + max(int(one.index[-1]) for one in blocks))
         tangents, lengths = columns.products(tangent.white), np.sqrt(
@@ -357,7 +363,7 @@ def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResi
         if not count:
             continue  # The sensitivities of the model imitate every shape.
         root = vectors[:, kept] / np.sqrt(values[kept])
-        inner = root.T @ (columns.products(fit.whitened) / lengths)
+        inner = root.T @ ((columns.products(fit.whitened) - tangents @ slope) / lengths)
         statistic = float(inner @ inner)
         left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
         level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
