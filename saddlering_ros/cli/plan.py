@@ -48,8 +48,10 @@ def run(args: argparse.Namespace) -> int:
          ', '.join(titles[name] for name in cause.group[1:])) for cause in plan.causes], texts=3)
     values = ', '.join(
         f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'
-        for name, std in plan.accuracy.items())
-    console.print(f'contact law: {values}', highlight=False)
+        for name, std in plan.accuracy.items() if name not in plan.undetermined)
+    console.print(f'contact law: {values or "not determined"}', highlight=False)
+    for reason in plan.undetermined.values():
+        console.print(f'  {reason}', highlight=False)
     if plan.further is not None:
         console.print(f'best further test: {plan.further.name} (limits lower by a factor of '
                       f'{10.0 ** plan.further_gain:.2f} in the geometric mean)', highlight=False)

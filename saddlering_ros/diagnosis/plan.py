@@ -20,6 +20,7 @@ from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
+from saddlering_ros.identification.uncertainty import distinct_elevations, reason_wide
 from saddlering_ros.progress import one_blas_thread, OnProgress, Watch
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
@@ -128,7 +129,7 @@ class CausePlan:
 class Plan:
     """Tests with what they would find; further: the test that would add most, with its score.
 
-    accuracy: standard deviation of each contact parameter, in its unit.
+    accuracy: standard deviation of each contact parameter of an exact rig, in its unit.
     """
 
     tests: tuple[PlannedTest, ...]
@@ -138,6 +139,22 @@ class Plan:
     further: PlannedTest | None
     further_gain: float
     noise: float
+
+    @property
+    def undetermined(self) -> dict[str, str]:
+        """Why an identification of these tests would leave a parameter open, by name."""
+        elevations = distinct_elevations(math.radians(test.elevation_deg) for test in self.tests)
+        reasons = {}
+        for name, std in self.accuracy.items():
+            size = 1.0 if name[0] == 'n' else getattr(self.contact, name)
+            if reason := reason_wide(name, std / size, elevations):
+                reasons[name] = reason
+            elif name[0] == 'n' and elevations < 2:
+                reasons[name] = (f'{name} from one elevation depends on the clearances: add a '
+                                 'test at another elevation')
+            elif name[0] == 'D' and all(test.kind == 'static' for test in self.tests):
+                reasons[name] = f'{name} of static tests alone is no measurement: add a ramp'
+        return reasons
 
     @property
     def score(self) -> float:
@@ -155,7 +172,8 @@ class Plan:
                 for item in self.causes],
             'parameters': {
                 name: {'value': getattr(self.contact, name), 'std': self.accuracy[name],
-                       'unit': PARAMETER_UNITS[name]} for name in PARAMETER_NAMES},
+                       'unit': PARAMETER_UNITS[name], 'reason': self.undetermined.get(name)}
+                for name in PARAMETER_NAMES},
             'further_test': None if self.further is None else {
                 'test': self.further.name, 'factor': 10.0 ** self.further_gain},
             'assumed': {'probe_noise': self.noise, 'static_rate': STATIC_RATE,

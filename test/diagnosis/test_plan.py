@@ -27,6 +27,15 @@ def test_a_further_test_makes_no_cause_harder_to_find(planner):
     assert all(both.accuracy[name] <= 1.001 * alone.accuracy[name] for name in PARAMETER_NAMES)
 
 
+def test_a_plan_promises_no_parameter_that_identify_would_leave_open(planner):
+    """n1 of one elevation was 1.11111 ± 0.00091, and D1 of a static test (3.00 ± 0.40) × 10⁶."""
+    alone, both = planner.plan([STATIC]), planner.plan([STATIC, PlannedTest('fast', 0.0)])
+    assert set(alone.undetermined) == {'n1', 'n2', 'D1', 'D2'}
+    assert 'add a test at another elevation' in alone.to_json()['parameters']['n1']['reason']
+    assert alone.to_json()['parameters']['K1']['reason'] is None
+    assert both.undetermined == {}
+
+
 def test_a_ramp_shows_smaller_damping_than_a_static_test(planner):
     static, ramp = ({cause.effect: cause.limit for cause in planner.plan([test]).causes}
                     for test in (STATIC, FAST))
