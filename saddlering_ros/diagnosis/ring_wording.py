@@ -13,7 +13,7 @@ from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, REVERSED, title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.raceway_waves import RacewayWaves, ROWS, shown_sizes
+from saddlering_ros.effects.raceway_waves import by_row, RacewayWaves, rms_of
 from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.quantities import lowered, percent, quantity, verdict_line, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS
@@ -318,10 +318,9 @@ def elsewhere_words(cause: CauseEntry) -> str:
     """Every other place that these data leave open, with its size: ' or probe 4 gain -3.1 %'."""
     effect_id, choices = cause['effect'], choices_of(cause['effect'])
     name = next(name for name in cause['parameters'] if name not in choices)
-    unit = cause['parameters'][name]['unit']
     return ''.join(
         f' or {variant_words(effect_id, {choice: values[choice] for choice in choices})} {name} '
-        f'{value_words(effect_id, name, values[name], unit)}'
+        f'{value_words(effect_id, name, values[name], cause["parameters"][name]["unit"])}'
         for values in cause.get('elsewhere', ()))
 
 
@@ -356,13 +355,18 @@ def _size_words(effect_id: str, sizes: Mapping[str, SizeEntry]) -> list[str]:
             for name, size in sizes.items()]
 
 
-def value_words(effect_id: str, name: str, value: float, unit: str,
+def value_words(effect_id: str, name: str, value: float, unit: str = '',
                 std: float | None = None) -> str:
-    """A value with its error: shares in percent, a sign if both signs are possible."""
+    """A value with its error: shares in percent, a sign if both signs are possible.
+
+    unit: '' for that of the catalogue.
+    """
     effect = catalogue().get(effect_id)
     for parameter in effect.parameters if effect is not None else ():
-        if parameter.name == name and parameter.amplitude and unit in ('', '1'):
-            return quantities.signed_percent(value, std, is_signed=not parameter.one_sided)
+        if parameter.name == name:
+            unit = unit or parameter.unit
+            if parameter.amplitude and unit == '1':
+                return quantities.signed_percent(value, std, is_signed=not parameter.one_sided)
     return quantity(value, '' if unit == '1' else unit, std)
 
 
@@ -376,12 +380,10 @@ def limit_words(effect_id: str, size: float | None, unit: str) -> str:
 
 
 def effect_rows(effects: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
-    """Every 'effect.parameter' of a parameter file, and its value in a suitable unit."""
-    units = {(effect.id, item.name): item.unit
-             for effect in catalogue().values() for item in effect.parameters}
-    units |= {(RacewayWaves.id, row): 'm' for row in ROWS}
-    return [[f'{effect}.{name}', value_words(effect, name, value, units.get((effect, name), ''))]
-            for effect, name, value in shown_sizes(effects)]
+    """Every 'effect.parameter' of a file with its value; of waves the rms of each row."""
+    return [[f'{effect}.{name}', value_words(effect, name, value, 'm' if is_waves else '')]
+            for effect, values in effects.items() for is_waves in [effect == RacewayWaves.id]
+            for name, value in (rms_of(by_row(values)) if is_waves else values).items()]
 
 
 def choices_of(effect_id: str) -> frozenset[str]:

@@ -32,10 +32,11 @@ class RacewayWaves(RingEffect):
         for row in ROWS for maxima in range(1, WAVES // 2 + 1) for part in ('cosine', 'sine'))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        return waved(extension, _by_row(values))
+        return waved(extension, by_row(values))
 
 
-def _by_row(values: Mapping[str, float]) -> Raceways:
+def by_row(values: Mapping[str, float]) -> Raceways:
+    """Amplitudes of each row from the parameters of the effect."""
     amplitudes = [values.get(parameter.name, 0.0) for parameter in RacewayWaves.parameters]
     return [amplitudes[first:first + WAVES] for first in range(0, len(amplitudes), WAVES)]
 
@@ -62,11 +63,3 @@ def rms_of(raceways: Raceways) -> dict[str, float]:
     """The rms [m] of the waves of each row; none of even raceways."""
     return {row: math.hypot(*waves) / math.sqrt(2.0)
             for row, waves in zip(ROWS, raceways, strict=False)}
-
-
-def shown_sizes(effects: Mapping[str, Mapping[str, float]]) -> list[tuple[str, str, float]]:
-    """Effect, parameter and value of each, for a reader: of waves the rms of each row."""
-    shown = {name: rms_of(_by_row(values)) if name == RacewayWaves.id else values
-             for name, values in effects.items()}
-    return [(name, size, value)
-            for name, values in shown.items() for size, value in values.items()]

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from saddlering_ros.diagnosis.ring_wording import effect_rows
 from saddlering_ros.effects import catalogue, effect, EffectError, extension_of
-from saddlering_ros.effects.raceway_waves import as_effect, rms_of, shown_sizes
+from saddlering_ros.effects.raceway_waves import as_effect, rms_of
+from saddlering_ros.quantities import quantity
 from saddlering_ros.rig import default_rig, ParameterSet, read_parameters, TRUE_TO_SCALE
 from saddlering_ros.rig.parameter_file import write_parameters
 from saddlering_ros.ring.simulator import simulate
@@ -53,6 +55,6 @@ def test_the_size_of_a_row_is_the_rms_of_its_gap():
 
 def test_a_reader_sees_the_rms_of_each_row_and_not_48_amplitudes():
     effects = {'load_gain': {'gain': 0.02}, **as_effect(WAVES)}
-    assert shown_sizes(effects) == [
-        ('load_gain', 'gain', 0.02),
-        *(('raceway_waves', row, size) for row, size in rms_of(WAVES).items())]
+    assert effect_rows(effects) == [
+        ['load_gain.gain', '+2.00 %'],
+        *([f'raceway_waves.{row}', quantity(size, 'm')] for row, size in rms_of(WAVES).items())]
