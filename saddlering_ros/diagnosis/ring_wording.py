@@ -460,8 +460,9 @@ def document_text(document: VerdictDocument) -> str:
     is_extended = bool(causes_of(document))
     if lines[-1]:
         lines.append('')
-    lines += ["Misfit by run and channel, rms in % of the channel's range, counted from the zero "
-              f'of the run ({base_words(document.get("raceways", ()))} / '
+    lines += ["Misfit by run and channel, rms in % of the channel's range (of parity its own, "
+              'which is noise; elsewhere that of the motion), counted from the zero of the run '
+              f'({base_words(document.get("raceways", ()))} / '
               + ('extended model / noise)' if is_extended else 'noise)')
               + (', small errors of the ring counted:' if document.get('remainder') else ':')]
     for run in document['runs']:

@@ -220,7 +220,8 @@ def shape_tests(document: VerdictDocument) -> str:
         'Dependence of the misfit on load, direction, rate and time',
         html.table(['channel', *(number(f'on {name}') for name in coordinates)], rows,
                    'Rms of the part of the misfit that follows each coordinate, as a share of '
-                   'range, and its p-value (with the correlated noise measured at rest); '
+                   'range (of parity: that of the motion), and its p-value (with the correlated '
+                   'noise measured at rest); '
                    'without → with the extension. Red: p < 0.01 and over 0.1 % of range.'))
 
 
