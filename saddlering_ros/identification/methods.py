@@ -254,6 +254,8 @@ def identify(runs: Sequence[Record], rig: Rig, settings: IdentificationSettings 
         if isinstance(stopped, KeyboardInterrupt):
             raise Interrupted(first) from None
         return first
+    search.report('beside errors', SearchStep(  # ends a line of progress
+        1, 1, found.chi_square, tuple(found.contact.to_array().tolist()), 0.0))
     if beside is None:
         words = ['no law within the bounds explains the misfit beside usual small errors of '
                  'ring and rig']
@@ -448,12 +450,13 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         objective = WeightedObjective(search.rig, observations, search.settings.channels)
         best = objectives.stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
-    on_work = objectives.idle if search.cancelled else partial(
-        search.report, 'intervals', SearchStep(
-            0, 1, best.chi_square, tuple(best.contact.tolist()), 0.0))
+    step = SearchStep(0, 1, best.chi_square, tuple(best.contact.tolist()), 0.0)
+    on_work = objectives.idle if search.cancelled else partial(search.report, 'intervals', step)
     trust = assess(
         objective, space, best, errors_of_ring(objective, best, on_work), search.bounds, advice,
         is_minimum=outcome.bottom is not None)
+    if not search.cancelled:
+        search.report('intervals', replace(step, iteration=1))
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]

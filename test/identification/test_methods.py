@@ -253,10 +253,12 @@ def test_cancelling_returns_what_there_is(four_runs):
 
 def test_the_descents_and_the_errors_of_the_ring_report_that_they_go_on(four_runs):
     """Five minutes of cycles were followed by up to 9 s of silence."""
-    stages = []
-    identify(four_runs[:2], RIG, on_progress=lambda report: stages.append(report.stage))
+    seen = []
+    identify(four_runs[:2], RIG, on_progress=seen.append)
+    stages = [report.stage for report in seen]
     assert stages.count('refinement') >= 6
     assert stages.count('intervals') >= 2
+    assert seen[-1].share == 1.0, 'a shown line of progress is not ended'
 
 
 def test_what_depends_on_a_parameter_at_its_bound_is_open_too(four_runs):
