@@ -44,7 +44,7 @@ def executed(notebook: dict[str, Any]) -> dict[str, Any]:
 
 def _stream(text: str) -> list[dict[str, Any]]:
     """Printed text; of a line that was written over, its last state."""
-    lines = [line.rpartition('\r')[2] for line in text.splitlines(keepends=True)]
+    lines = [line.rpartition('\r')[2] for line in io.StringIO(text)]
     return [{'output_type': 'stream', 'name': 'stdout', 'text': lines}] if lines else []
 
 
