@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
         print(f'note: {contradiction}', file=sys.stderr)
     seconds, counts = time.monotonic() - began, node.counts()
     if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
-        print(f'{args.out}: {sum(counts.values())} messages in {seconds:.1f} s')
+        print(f'{args.out}: {sum(counts.values())} messages of rig and ring in '
+              f'{seconds:.1f} s')
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}, namespace '
               f'{namespace_of(args.namespace) or "/"}', file=sys.stderr)

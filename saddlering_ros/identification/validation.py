@@ -226,8 +226,9 @@ class Criterion:
                 f'{self.doubt}')
 
     def with_unit(self, value: float) -> str:
-        return quantities.percent(value, 3) if self.id == 'misfit' else quantities.quantity(
-            value, self.unit)
+        if self.unit == 'm':
+            return quantities.quantity(value, self.unit)
+        return quantities.percent(value, 3) if self.id == 'misfit' else quantities.compact(value)
 
 
 def judge(runs: Sequence[RunValidation],
