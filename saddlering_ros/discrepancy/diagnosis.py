@@ -8,10 +8,12 @@ import timeit
 from typing import cast
 
 import numpy as np
+from scipy.special import binom
 
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.noise import (
     is_correlated,
+    MAX_CHANCE,
     noise_sentence,
     ONE_RELAXATION,
     wrong_level,
@@ -27,6 +29,7 @@ from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.estimation import record_noise
+from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import compact, percent, quantity
 
@@ -241,7 +244,7 @@ def _by_channel(problem: Problem, stacked: Array) -> list[Array]:
 
 FEW_SAMPLES = 0.01
 """Share of the samples of a run that hold half of the power of a misfit only where a recorder
-errs, or in a shock. Of normal noise they hold 7 %."""
+errs, or in a shock. Of normal noise they hold 7 %, and one of few samples more by chance."""
 
 CODE_SAMPLES = 0.25
 """The same share if the samples have one value that differs from all others by more than the range
@@ -260,23 +263,27 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
                 one.after - one.run.channels, one.run.channels, problem.view_ranges.items(),
                 strict=True):
             there = problem.sample_weights(one.run, name) > 0.0
+            samples = np.count_nonzero(there)
             powers = problem.freed(residual, one.run, name) ** 2 * there
             order = np.argsort(-powers)
             held = np.cumsum(powers[order]) / max(powers.sum(), 1e-300)
             count = 1 + int(np.searchsorted(held, 0.5))
+            share = min(float(held[count - 1]), 1.0 - 1e-9)
+            ratio = share / (1.0 - share) * (samples - count) / count
+            chance = binom(samples, count) * fisher_chance(ratio, count, samples - count)
             # Whether the largest reading occurs again, and is far from all other readings.
             value, others = float(readings[order[0]]), readings[there]
             others = others[others != value]
-            is_code = 0 < others.size < np.count_nonzero(there) - 1 and bool(
+            is_code = 0 < others.size < samples - 1 and bool(
                 np.abs(others - value).min() > np.ptp(others))
             few = CODE_SAMPLES if is_code else FEW_SAMPLES
-            if count <= max(few * powers.size, 1) and (
+            if count <= max(few * samples, 1) and (is_code or chance < MAX_CHANCE) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
                 has_code |= is_code
                 found.setdefault(name, wording.FEW_SAMPLES.format(
-                    name, one.run.name, count, powers.size,
+                    name, one.run.name, count, samples,
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
-                    percent(held[count - 1])))
+                    percent(share)))
     return [*found.values()], has_code
 
 
@@ -306,8 +313,10 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
         run, name = problem.runs[index], problem.system.channel_names[channel]
         there = slice(None) if run.present is None else run.present[channel]
         left = residual[part][there]
-        free = max(left.size - fit.theta_unit.size - 1, 1)
         statistic = float(white[part] @ white[part])
+        # Of the fitted parameters, a run may take up all, or none beside many other runs.
+        free = float(np.clip(
+            statistic, max(left.size - fit.theta_unit.size - 1, 1), left.size))
         noise = metric.noise[run.name, channel]
         # Noise that is only the rounding in every metric is not declared too large.
         has_noise = float(noise.variances(run.width).max()) > rounding

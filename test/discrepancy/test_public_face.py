@@ -247,6 +247,10 @@ def test_few_readings_that_hold_the_misfit_are_told() -> None:
     assert not any(cause.partial is False for cause in answer.causes)
     assert [one.split(' of the power')[0] for one in few(answer)] == [
         'y in run 0: 1 of 200 samples, the largest at 0.1407035176, make up 100 %']
+    slow = [
+        replace(run, outputs={'y': np.where(np.arange(200) % 4 < 3, np.nan, run.outputs['y'])})
+        for run in (record(0, huge=1e3), record(1, huge=1e3))]
+    assert '1 of 50 samples' in few(diagnose(lines(straight), slow))[0]
     assert not few(found(straight))
 
 

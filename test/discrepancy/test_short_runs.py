@@ -1,0 +1,50 @@
+"""Claims on many short runs: what noise alone does to few samples is no sign of anything."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import (
+    Channel,
+    diagnose,
+    Diagnosis,
+    Effect,
+    Model,
+    Noise,
+    Parameter,
+    Run,
+)
+
+STD, SAMPLES = 0.03, 12
+
+
+def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """A polynomial of the drive."""
+    drive = np.asarray(run.inputs['drive'])
+    terms = sum(parameters[f'c{power}'] * drive**power for power in range(4))
+    return {'seen': terms + parameters['step.size'] * (drive > 0.0)}
+
+
+def sound(seed: int) -> Diagnosis:
+    """Eight runs, each with the same drives in another order, with declared white noise."""
+    random, runs = np.random.default_rng(seed), []
+    for name in 'abcdefgh':
+        drive = random.permutation(np.linspace(-1.0, 1.0, SAMPLES))
+        run = Run(name, np.arange(SAMPLES) * 1.0, {'drive': drive}, {'seen': drive})
+        true = simulate({'c0': 0.1, 'c1': 1.0, 'c2': 0.3, 'c3': 0.2, 'step.size': 0.0}, run)
+        runs.append(Run(name, run.time, run.inputs, {
+            'seen': true['seen'] + STD * random.normal(size=SAMPLES)}))
+    return diagnose(Model(
+        simulate, {f'c{power}': Parameter(-2, 2) for power in range(4)},
+        {'step': Effect('A step', {'size': Parameter(-1, 1)})},
+        {'seen': Channel(noise=Noise.white(STD))}), runs)
+
+
+@pytest.mark.parametrize('seed', [6, 28, 29])
+def test_a_run_need_not_take_up_all_parameters(seed: int) -> None:
+    """Noise was called underestimated, with 7 of 12 samples as what noise alone would leave."""
+    assert sound(seed).verdict == 'none'
+
+
+@pytest.mark.parametrize('seed', [1, 3])
+def test_one_of_twelve_samples_may_hold_half_of_the_power_of_noise(seed: int) -> None:
+    assert sound(seed).warnings == ()
