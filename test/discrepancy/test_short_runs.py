@@ -48,3 +48,9 @@ def test_a_run_need_not_take_up_all_parameters(seed: int) -> None:
 @pytest.mark.parametrize('seed', [1, 3])
 def test_one_of_twelve_samples_may_hold_half_of_the_power_of_noise(seed: int) -> None:
     assert sound(seed).warnings == ()
+
+
+@pytest.mark.parametrize('seed', [30, 33, 37])
+def test_a_small_slow_residual_takes_nothing_from_a_declared_level(seed: int) -> None:
+    """A family of shapes had p = 5e-8 by a level of 0.2, and 0.9 by that of the declared noise."""
+    assert sound(seed).verdict == 'none'

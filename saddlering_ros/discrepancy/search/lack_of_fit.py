@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY
 from saddlering_ros.discrepancy.problem.fits import Fit, refit, run_refits, Tangent, tangent
 from saddlering_ros.discrepancy.problem.metric import Block, BlockColumns, Index, Metric
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem, shares_of_range
@@ -341,8 +342,10 @@ def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResi
     """Every family of these runs; the number of families is counted in the p-values.
 
     Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
-    structure of the residual bounds its level from above.
+    structure of the residual bounds its level from above, as far as its own dimensions tell it.
+    Noise of a declared level stays as it is.
     """
+    is_declared = min(noise.pairs for noise in metric.noise.values()) >= KNOWN_EXACTLY
     problem, tests = metric.problem, []
     residual = fit.prediction - problem.measured
     inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
@@ -365,8 +368,11 @@ def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResi
         root = vectors[:, kept] / np.sqrt(values[kept])
         inner = root.T @ ((columns.products(fit.whitened) - tangents @ slope) / lengths)
         statistic = float(inner @ inner)
-        left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
-        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
+        others, level, known = slow.dimensions - count, 1.0, pairs
+        if others > 0 and not is_declared:
+            left = (slow.excess + slow.dimensions - statistic) / others
+            level = min(1.0, max(left, MIN_LEVEL))
+            known = pairs if level == 1.0 else min(pairs, others)
         weights = (root @ inner) / lengths
         shape = columns.combined(weights) - tangent.plain @ (imitated @ weights)
         sizes = {view: float(problem.view_sizes(shape, view).max())
@@ -376,7 +382,7 @@ def consistency_tests(metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResi
         # A shape that parameters nearly imitate has an estimate with a large error.
         largest = float(problem.view_sizes(residual, view).max())
         tests.append(ShapeTest(
-            view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
+            view, name, float(fisher_chance(statistic / count / level, count, known)), statistic,
             count, min(sizes[view] * beyond**0.5, largest),
             run=problem.run_along(residual, shape, view)))
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
