@@ -96,3 +96,16 @@ def test_a_misfit_that_follows_an_input_has_no_such_note() -> None:
     answer = found(1, replace(MODEL, simulate=bare, effects={}), size=0.002)
     assert answer.verdict == 'unknown'
     assert not notes(answer)
+
+
+def test_what_changes_sign_with_the_direction_of_an_input_is_no_slow_noise() -> None:
+    """Dry friction that is in no catalogue looked as random as noise that lasts."""
+    def rubbed(number: int) -> Run:
+        run = record(number, seed=4, tau=1e-9)
+        sign = np.sign(np.gradient(np.asarray(run.inputs['force'])))
+        return replace(run, outputs={'tip': run.outputs['tip'] + 0.15 * sign})
+
+    answer = diagnose(MODEL, [rubbed(number) for number in (0, 1)])
+    assert answer.verdict == 'unknown'
+    assert {rest.along for rest in answer.remainder} == {'the direction of force'}
+    assert not any('as random as noise' in words for words in answer.warnings)

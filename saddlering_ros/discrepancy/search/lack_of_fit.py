@@ -297,14 +297,17 @@ def shape_families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[
     names = [name for name in seen[0] if all(name in other for other in seen)]
     groups = sorted({run.group for run in runs})
     places = [groups.index(run.group) for run in runs]
-    directions = [run.direction for run in runs if run.direction is not None]
     families: dict[str, Family] = {}
     for number, name in enumerate(names):
         shares = [turn[:, None] for turn in _half_turns([values[name] for values in seen])]
         waves = np.arange(1, (first if number == 0 else others) + 1)
         families[name] = _family([np.cos(share * waves) for share in shares], places)
-        if number == 0 and len(directions) == len(runs):
-            families['direction'] = _family([
+        given = [run.direction for run in runs if run.direction is not None]
+        is_drive = number == 0 and len(given) == len(runs)
+        directions = given if is_drive else [] if given else _turns(
+            [values[name] for values in seen])
+        if directions:
+            families['direction' if is_drive else f'the direction of {name}'] = _family([
                 direction[:, None]
                 * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
                 for direction, share in zip(directions, shares, strict=True)], places)
@@ -313,12 +316,34 @@ def shape_families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[
     return families
 
 
+def _turns(values: Sequence[Array]) -> list[Array]:
+    """The direction (N,) of a coordinate in each run, +1 or -1; none if it hardly turns."""
+    band = TURN * max(float(np.ptp(run)) for run in values)
+    turns = []
+    for run in values:
+        places = np.linspace(0, run.size - 1, min(run.size, MAX_TURNING)).round().astype(int)
+        direction, sign, extreme = np.ones(run.size), 1.0, 0
+        for place, value in zip(places, run[places].tolist(), strict=True):
+            if sign * (value - run[extreme]) > 0.0:
+                extreme = place
+            elif sign * (run[extreme] - value) > band:  # It has turned at the extreme.
+                sign = -sign
+                direction[extreme:], extreme = sign, place
+        turns.append(direction)
+    rising = float(np.mean(np.concatenate(turns) > 0.0))
+    return turns if MIN_TURNED < rising < 1.0 - MIN_TURNED else []
+
+
 def _family(shapes: Sequence[Array], places: Sequence[int]) -> Family:
     """Shapes (N, k) of each run, with the same indices in the runs of one place."""
     each = shapes[0].shape[1]
     return [(each * place + np.arange(each), part)
             for place, part in zip(places, shapes, strict=True)]
 
+
+TURN, MIN_TURNED, MAX_TURNING = 0.02, 0.1, 2000
+"""Return of a coordinate that changes its direction, as a share of its range; smallest share of
+the samples with either direction; samples of a run in which it is followed. Chosen."""
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
 """Half waves over a state: for the change of a cause, the sensitivities, a channel. Families stay
