@@ -196,8 +196,10 @@ def read_bag(path: Path | str, *, rig: RigLike = None, test: str | None = None,
     elevation = None if elevation_deg is None else math.radians(elevation_deg)
     report = on_progress or (lambda progress: None)
     name = Path(path).name
-    return Bag(read_run(path, test=test, elevation=elevation, rig=in_use,
-                        on_progress=lambda share: report(Progress('read', name, share))), in_use)
+    run = read_run(path, test=test, elevation=elevation, rig=in_use,
+                   on_progress=lambda share: report(Progress('read', name, share)))
+    report(Progress('read', name, 1.0))
+    return Bag(run, in_use)
 
 
 @dataclass(frozen=True)

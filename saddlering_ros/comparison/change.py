@@ -203,12 +203,14 @@ def compare_records(
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
     watch.progress('limits of the later session alone', 0.95)
-    return Change(
+    change = Change(
         diagnosis, earlier, later, contact, _limits_alone(ring, later, start, seed, watch),
         figures_of_sessions(rig, before, after), (*doubts, *notes),
         ' '.join(filter(None, (wiring_first(rig, [*before, *after]), _next_test(
             diagnosis, doubts, rig)))) or None, rig,
         seed, series_of(ring, prepared, start, watch) if between else None)
+    watch.progress('verdict', 1.0)
+    return change
 
 
 def check_sessions(

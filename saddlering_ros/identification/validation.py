@@ -84,6 +84,7 @@ def validate(runs: Sequence[Record], rig: Rig, parameters: ParameterSet,
         still = [name for name in MOTION if seen.channels[name].slope_ratio is None]
         judged.append(replace(seen, notes=(*seen.notes, HARDLY_MOVES.format(', '.join(still)))
                               ) if still else seen)
+    watch.progress(runs[-1].name, 1.0)
     return Validation(tuple(judged), parameters)
 
 

@@ -110,7 +110,7 @@ def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(compa
     assert force['std'] < 250.0
     assert force['interval'][0] < 1500.0 < force['interval'][1]
     assert SESSION not in cause['parameters']
-    assert shares[-1] == max(shares) > 0.9
+    assert shares[-1] == max(shares) == 1.0
 
 
 @pytest.mark.slow
