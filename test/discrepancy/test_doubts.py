@@ -379,6 +379,8 @@ def test_no_rest_is_larger_than_the_residual() -> None:
     left = found.fits.after.prediction - found.fits.metric.problem.measured
     largest = max(test.visible for test in found.residual_after.consistency)
     assert 0.0 < largest <= left.std() + 1e-9
+    [base] = [line for line in found.summary().splitlines() if line.startswith('  gain: ')]
+    assert base.endswith(', at its bound')
 
 
 def test_records_without_any_noise_get_a_name_and_no_doubt_about_noise() -> None:

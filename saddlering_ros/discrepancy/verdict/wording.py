@@ -7,6 +7,7 @@ from typing import Any
 from saddlering_ros import quantities
 from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
+from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Remainder
 from saddlering_ros.quantities import first_of, percent, quantity
@@ -87,9 +88,12 @@ def estimate_words(estimate: Estimate) -> str:
 
 
 def base_words(estimates: Mapping[str, Estimate], parameter: Parameter) -> str:
-    """The estimate of a base parameter, or that it is none."""
+    """The estimate of a base parameter and whether it is at its bound, or that it is none."""
     one = estimates[parameter.name]
-    return estimate_words(one) if parameter.is_determined(one.value, one.std) else 'not determined'
+    if not parameter.is_determined(one.value, one.std):
+        return 'not determined'
+    bound = bound_reached(parameter, parameter.to_unit(one.value))
+    return estimate_words(one) + ('' if bound is None else ', at its bound')
 
 
 def estimates_words(estimates: Mapping[str, Estimate]) -> str:
