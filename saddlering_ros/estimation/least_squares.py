@@ -9,6 +9,7 @@ batches of simulations, and sensitivities can come from the cheapest source.
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from sys import maxsize
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -70,6 +71,7 @@ class Rule:
     quiet_rounds: int = 2  # so many quiet gains in a row end the descent
     negligible: float = 0.0  # an expected gain of at most this ends it too
     damping: float = USUAL_DAMPING  # that of the first step
+    stays_from: int = maxsize  # idle coordinates from this one on stay, whatever the prior
 
     def cost(self, residual: Array, point: Array) -> float:
         """Misfit and prior; infinite for a residual that is not finite."""
@@ -157,10 +159,15 @@ def descend(start: Array, rule: Rule, fresh: Sequence[int], known: Array | None 
 
 def bounded_step(columns: Array, residual: Array, point: Array, damping: float,
                  rule: Rule) -> Array:
-    """Damped Gauss-Newton step inside the box."""
+    """Damped Gauss-Newton step inside the box.
+
+    A late coordinate that changes nothing stays: a switch between two samples is not idle.
+    """
     gram = columns.T @ columns
     slope = columns.T @ residual
-    slope = slope + rule.prior**2 * np.where(rule.periodic, 0.0, point - 0.5)
+    is_free = rule.periodic.copy()
+    is_free[rule.stays_from:] |= ~columns[:, rule.stays_from:].any(axis=0)
+    slope = slope + rule.prior**2 * np.where(is_free, 0.0, point - 0.5)
     diagonal = np.einsum('ii->i', gram)  # a view
     diagonal += rule.prior**2
     diagonal *= 1.0 + damping

@@ -629,6 +629,8 @@ def test_an_interval_counts_the_sizes_of_other_models_and_of_a_plain_fit() -> No
 
     space: Any = SimpleNamespace(
         slopes_of=lambda fit: 1e3 * np.eye(fit.theta_unit.size),
+        tangent_of=lambda fit: SimpleNamespace(white=1e3 * np.eye(fit.theta_unit.size)),
+        spread_of_shapes=lambda fit: np.zeros(fit.theta_unit.size),
         settings=SimpleNamespace(error_rate=1e-3),
         problem=SimpleNamespace(system=SimpleNamespace(base_parameters=(Parameter(0, 1),))))
     residual: Any = SimpleNamespace(inflation=lambda rate: 1.0)

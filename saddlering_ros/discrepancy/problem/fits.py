@@ -170,7 +170,8 @@ def refit(metric: Whitening, candidate: Candidate, start: Array,
     differenced = list(range(known, start.size))
     aside = [*range(len(base)), *differenced] if fresh_base else differenced
     periodic = np.array([parameter.periodic for parameter in candidate.parameters(base)])
-    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
+    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN,
+                stays_from=len(base))
     first = None if known_start is None else Told(
         known_start.whitened, known_start.jacobian[:, differenced], known_start.prediction,
         known_start.plain)
@@ -198,7 +199,8 @@ def linear_misfit(fit: Fit, base: Sequence[Parameter]) -> float:
     """The misfit to which the slopes of an unfinished fit lead inside its bounds."""
     periodic = np.array([parameter.periodic for parameter in fit.candidate.parameters(base)])
     move = bounded_step(
-        fit.jacobian, fit.whitened, fit.theta_unit, 0.0, Rule(periodic, PRIOR, 1, 0.0, 0.0))
+        fit.jacobian, fit.whitened, fit.theta_unit, 0.0, Rule(
+            periodic, PRIOR, 1, 0.0, 0.0, stays_from=len(base)))
     left = fit.whitened + fit.jacobian @ move
     return float(left @ left)
 
@@ -258,7 +260,8 @@ def centred(metric: Whitening, fit: Fit, white: Array) -> Array:
     """Whitened sensitivities (n, p) by central differences along the directions of `white`.
 
     A combination of parameters that changes nothing has a length in differences to one side: the
-    curvatures of its columns do not cancel, and its interval would be too narrow.
+    curvatures of its columns do not cancel, and its interval would be too narrow. So would that of
+    a small move which a switch answers with a whole sample: the shorter change counts.
     """
     base = metric.problem.system.base_parameters
     steps = np.array([one.step for one in fit.candidate.parameters(base)])
@@ -269,7 +272,9 @@ def centred(metric: Whitening, fit: Fit, white: Array) -> Array:
         fit.candidate.point(base, middle + side * move) for move in rows * steps
         for side in (1.0, -1.0)])
     changes = metric.whiten(np.ascontiguousarray(answers[:, ::2] - answers[:, 1::2]) / 2.0)
-    changes = np.where(np.isfinite(changes).all(axis=0), changes, white @ (rows * steps).T)
+    straight = white @ (rows * steps).T
+    is_shorter = np.linalg.norm(changes, axis=0) <= np.linalg.norm(straight, axis=0)  # no NaN
+    changes = np.where(is_shorter, changes, straight)
     return np.asarray(changes @ rows / steps)
 
 

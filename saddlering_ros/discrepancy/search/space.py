@@ -28,6 +28,12 @@ COARSE_ROUNDS = 4
 FULL_JACOBIANS = 2
 """Best refits of a step with a full Jacobian: the decision is between these two."""
 
+LEAPS, MAX_LEAPS = tuple(0.25 * 0.5**number for number in range(10)), 4
+"""Shares of its range by which a shape leaps either way, and the largest number of leaps."""
+
+MAX_RISE = 9.0
+"""Rise of the misfit up to which it tells of an interval: three standard deviations."""
+
 MIN_PAIRS = 12
 """Smallest number of degrees of freedom of the level, whatever the length of the stretches. With
 fewer, one short stretch at rest would leave nothing certain."""
@@ -244,8 +250,47 @@ class ModelSpace:
         refitted_fully = refit_full_jacobian(
             self.metric, [refined[index] for index in best], self.settings.rounds)
         for number, fit in zip(best, refitted_fully, strict=True):
-            refined[number] = fit
+            refined[number] = self._leapt(fit)
         return refined
+
+    def _leapt(self, fit: Fit) -> Fit:
+        """The same fit, or a better one that begins at another value of one of its shapes.
+
+        Of a switch, such as the time of a step, slopes tell what the next samples do.
+        """
+        for _ in range(MAX_LEAPS if self.leaves_misfit(fit) else 0):
+            places, misfits = self.leaps(fit)
+            if misfits.min(initial=np.inf) > fit.misfit - self.real_gain():
+                break
+            [fit] = run_refits(self.metric, [refit(
+                self.metric, fit.candidate, places[int(misfits.argmin())],
+                rounds=self.settings.rounds)])
+        return fit
+
+    def leaps(self, fit: Fit) -> tuple[list[Array], Array]:
+        """Places (p,) at which one shape of a declared effect has another value; their misfits."""
+        problem, base = self.problem, self.problem.system.base_parameters
+        parameters = fit.candidate.parameters(base)
+        places = [
+            fit.theta_unit + move * (np.arange(fit.theta_unit.size) == index)
+            for _, _, part in fit.parts for index in range(part.start + 1, part.stop)
+            if problem.assumptions.many_valleys and not parameters[index].periodic
+            for leap in LEAPS for move in (leap, -leap)
+            if 0.0 < fit.theta_unit[index] + move < 1.0]
+        if not places:
+            return [], np.zeros(0)
+        seen = problem.predict([fit.candidate.point(base, place) for place in places])
+        white = self.metric.whiten(seen - problem.measured[:, None])
+        return places, np.nan_to_num((white**2).sum(axis=0), nan=np.inf)
+
+    def spread_of_shapes(self, fit: Fit) -> Array:
+        """Standard deviations (p,) by the misfit at other values; 0 for what is no shape."""
+        spread = np.zeros(fit.theta_unit.size)
+        for place, misfit in zip(*self.leaps(fit), strict=True):
+            move, rise = np.abs(place - fit.theta_unit), max(float(misfit) - fit.misfit, 1.0)
+            spread = np.maximum(spread, move / rise**0.5 if rise < MAX_RISE else np.minimum(
+                move, LEAPS[-1]))
+        return spread
 
     def with_inputs(self) -> 'ModelSpace':
         """The space with the errors of the simulator's inputs as possible causes."""

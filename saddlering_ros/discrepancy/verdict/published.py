@@ -26,7 +26,7 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import MAINLY, Search, stopped_sizes
-from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.space import LEAPS, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Residual, Shares
 from saddlering_ros.estimation.least_squares import AT_BOUND, covariance
@@ -282,7 +282,8 @@ def _covariance(space: ModelSpace, sources: Sequence[Fit], published: Fit, resid
     sources: fits in the space with the effects of the published one and perhaps more. The first
     gives the covariance; the others, which are nearly as likely, widen it by their distance.
     otherwise: the first one in the metric of the gain, where structure that is small by range has
-    little weight, and beside errors of unequal size; a 95 % interval reaches as far.
+    little weight, and beside errors of unequal size; a 95 % interval reaches as far. An interval
+    of a switch, whose slopes tell of the next samples alone, is as wide as its misfit is flat.
     """
     base = space.problem.system.base_parameters
 
@@ -299,6 +300,11 @@ def _covariance(space: ModelSpace, sources: Sequence[Fit], published: Fit, resid
     apart[len(sources):] /= WIDTH_95
     fitted = covariance(space.slopes_of(sources[0]), PRIOR)[np.ix_(first, first)]
     widened = fitted * residual.inflation(space.settings.error_rate)
+    spread, slopes = space.spread_of_shapes(sources[0]), space.tangent_of(sources[0]).white
+    is_switch = (spread > 0.0) & (spread < LEAPS[0]) & ~slopes.any(axis=0)
+    diagonal = np.einsum('ii->i', widened)  # a view
+    diagonal[:] = np.where(is_switch[first], 0.0, diagonal)
+    diagonal[:] = np.maximum(diagonal, spread[first] ** 2)
     return np.asarray(widened + np.diag(
         apart.max(axis=0) ** 2 + (published.theta_unit - points[0]) ** 2))
 
