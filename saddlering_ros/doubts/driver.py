@@ -11,7 +11,7 @@ from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
-from saddlering_ros.quantities import quantity
+from saddlering_ros.quantities import counted, quantity
 from saddlering_ros.record.batches import align, Floats, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
@@ -171,8 +171,9 @@ def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float |
     gaps = gap_mask(one.stamps)
     if gaps.any():
         longest = float(steps[gaps].max()) / 1e9
-        findings.fault(f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: samples '
-                       'are lost in the driver or on the way (best effort on a busy network)')
+        findings.fault(f'{counted(int(gaps.sum()), "gap")} in the stamps, longest {longest:.3g} '
+                       's: samples are lost in the driver or on the way (best effort on a busy '
+                       'network)')
     if rate is not None and abs(one.rate / rate - 1.0) > RATE_TOLERANCE:
         findings.fault(f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])

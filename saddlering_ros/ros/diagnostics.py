@@ -13,6 +13,7 @@ from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.doubts.readings import unit_outside
+from saddlering_ros.quantities import counted
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.ros.parameters import HARDWARE_ID
 
@@ -121,7 +122,7 @@ class StreamTask(Kept):
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
             words += '' if self.source == self.topic else f' on {self.source}'
         elif len(long):
-            words = f'{len(long)} gaps in the stamps, longest {longest:.3g} s'
+            words = f'{counted(len(long), "gap")} in the stamps, longest {longest:.3g} s'
         elif late:
             words = f'{late} messages out of order or stamps that jumped back'
         elif rate < self.lowest_rate:

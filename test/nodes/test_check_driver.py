@@ -68,7 +68,7 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
      'each sample of a block with its own time'),
     (LOAD_TOPIC, lambda one: replace(one, stamps=np.r_[one.stamps[-1:], one.stamps[:-1]]),
      'stamps go back'),
-    (FIRST_PROBE, without(500, 600), '1 gaps in the stamps, longest 0.202 s'),
+    (FIRST_PROBE, without(500, 600), '1 gap in the stamps, longest 0.202 s'),
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals + 90 * 10**9),
      'stamps are 90.0 s behind the clock'),
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals[0] + 2 * (
