@@ -7,7 +7,6 @@ import time
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
-from saddlering_ros.quantities import counted
 
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
@@ -98,9 +97,8 @@ def run(args: argparse.Namespace) -> int:
             for one in grouped[:MAX_SHOWN]], texts=6)
         if len(grouped) > MAX_SHOWN:
             print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
-        print(f'{counted(len(grouped), "session")} of '
-              f'{counted(len({one.ring for one in grouped}), "ring")}, '
-              f'{counted(sum(len(one.bags) for one in grouped), "bag")}')
+        print(f'{len(grouped)} sessions of {len({one.ring for one in grouped})} rings, '
+              f'{sum(len(one.bags) for one in grouped)} bags')
     if args.plan:
         return 0
     store = Store(args.out)
