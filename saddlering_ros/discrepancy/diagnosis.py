@@ -26,7 +26,6 @@ from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import is_noise_alone
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
-from saddlering_ros.discrepancy.search.space import bound_reached
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.estimation import record_noise
 from saddlering_ros.estimation.process import fisher_chance
@@ -270,14 +269,15 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
             count = 1 + int(np.searchsorted(held, 0.5))
             share = min(float(held[count - 1]), 1.0 - 1e-9)
             ratio = share / (1.0 - share) * (samples - count) / count
-            chance = binom(samples, count) * fisher_chance(ratio, count, samples - count)
+            is_rare = fisher_chance(ratio, count, samples - count) <= (
+                MAX_CHANCE / binom(samples, count))  # choices that overflow have a chance of 0
             # Whether the largest reading occurs again, and is far from all other readings.
             value, others = float(readings[order[0]]), readings[there]
             others = others[others != value]
             is_code = 0 < others.size < samples - 1 and bool(
                 np.abs(others - value).min() > np.ptp(others))
             few = CODE_SAMPLES if is_code else FEW_SAMPLES
-            if count <= max(few * samples, 1) and (is_code or chance < MAX_CHANCE) and (
+            if count <= max(few * samples, 1) and (is_code or is_rare) and (
                     powers[order[0]] > (MODEL_SETTINGS.materiality * scale) ** 2):
                 has_code |= is_code
                 found.setdefault(name, wording.FEW_SAMPLES.format(
@@ -457,10 +457,9 @@ def _base_lines(metric: Metric, fit: fits.Fit) -> list[str]:
             seen = 'cannot be told from the other base parameters'
         else:
             seen = f'determined to {parameter.slope(float(fit.theta_unit[number])) / beside:.2g}'
-        place = float(fit.theta_unit[number])
-        stopped = '' if bound_reached(parameter, place) is None else ', at its bound'
-        value = f'{parameter.from_unit(place):.5g} {parameter.unit}'.rstrip()
-        lines.append(f'base {parameter.name}: {value}{stopped}, {seen}')
+        value = parameter.from_unit(float(fit.theta_unit[number]))
+        words = f'{value:.5g} {parameter.unit}'.rstrip() + wording.at_bound(parameter, value)
+        lines.append(f'base {parameter.name}: {words}, {seen}')
     return lines
 
 

@@ -383,6 +383,18 @@ def test_no_rest_is_larger_than_the_residual() -> None:
     assert base.endswith(', at its bound')
 
 
+def test_few_samples_of_many_that_hold_half_of_a_misfit_are_told() -> None:
+    """The number of ways to choose 124 of 100 000 samples overflowed, and nothing was told."""
+    time, random = np.linspace(0.0, 100.0, 100_000), np.random.default_rng(3)
+    seen = np.sin(time) + STD * random.normal(size=time.size)
+    seen[random.choice(time.size, 900, replace=False)] += 0.4 * random.normal(size=900)
+    model = Model(lambda parameters, run: {'seen': parameters['gain'] * np.sin(time)},
+                  {'gain': Parameter(0.5, 2.0)}, {},
+                  {'seen': Channel(noise=Noise.white(STD))})
+    found = diagnose(model, [Run('a', time, outputs={'seen': seen})])
+    assert any('of 100000 samples' in words for words in found.warnings)
+
+
 def test_records_without_any_noise_get_a_name_and_no_doubt_about_noise() -> None:
     run = Run('a', TIME, outputs={'seen': TIME})
     exact = simulate({'gain': 1.0, 'bend.size': 0.3, 'bend.width': 0.3}, run)

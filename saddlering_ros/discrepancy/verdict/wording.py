@@ -92,8 +92,12 @@ def base_words(estimates: Mapping[str, Estimate], parameter: Parameter) -> str:
     one = estimates[parameter.name]
     if not parameter.is_determined(one.value, one.std):
         return 'not determined'
-    bound = bound_reached(parameter, parameter.to_unit(one.value))
-    return estimate_words(one) + ('' if bound is None else ', at its bound')
+    return estimate_words(one) + at_bound(parameter, one.value)
+
+
+def at_bound(parameter: Parameter, value: float) -> str:
+    """What follows a value that lies at a bound of its parameter; '' for any other."""
+    return '' if bound_reached(parameter, parameter.to_unit(value)) is None else ', at its bound'
 
 
 def estimates_words(estimates: Mapping[str, Estimate]) -> str:
