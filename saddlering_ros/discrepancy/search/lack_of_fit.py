@@ -15,6 +15,7 @@ family of such shapes is small, so that a small remainder is significant.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.least_squares import AT_BOUND
 from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
+from saddlering_ros.memory_operators import direction_of
 from saddlering_ros.quantities import CHANCE
 
 WAVES_PER_RUN = 20
@@ -322,14 +324,13 @@ def _turns(values: Sequence[Array]) -> list[Array]:
     turns = []
     for run in values:
         places = np.linspace(0, run.size - 1, min(run.size, MAX_TURNING)).round().astype(int)
-        direction, sign, extreme = np.ones(run.size), 1.0, 0
-        for place, value in zip(places, run[places].tolist(), strict=True):
-            if sign * (value - run[extreme]) > 0.0:
-                extreme = place
-            elif sign * (run[extreme] - value) > band:  # It has turned at the extreme.
-                sign = -sign
-                direction[extreme:], extreme = sign, place
-        turns.append(direction)
+        followed = np.searchsorted(places, np.arange(run.size), side='right') - 1
+        direction = direction_of(run[places], band)
+        reversals = [0, *(1 + np.flatnonzero(np.diff(direction))).tolist()]
+        for begin, end in pairwise(reversals):  # Each counts from its turning point on.
+            sign = direction[begin]
+            direction[begin + int(np.argmax(sign * run[places[begin:end]])):end] = -sign
+        turns.append(direction[followed])
     rising = float(np.mean(np.concatenate(turns) > 0.0))
     return turns if MIN_TURNED < rising < 1.0 - MIN_TURNED else []
 
