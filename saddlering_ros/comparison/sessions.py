@@ -18,6 +18,7 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy.verdict.wording import OfPrediction
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.quantities import WIDTH_95
@@ -253,7 +254,8 @@ def with_main_cause(
                      causes=(replace(cause, parameters=widened, partial=False),),
                      complete=complete, remainder=() if complete else diagnosis.remainder,
                      # A session of other tests predicts the other one badly with any cause.
-                     warnings=tuple(one for one in diagnosis.warnings if 'predict' not in one))
+                     warnings=tuple(one for one in diagnosis.warnings
+                                    if not isinstance(one, OfPrediction)))
     return replace(stated, probabilities=discrepancy.probabilities_of(
         stated.verdict, stated.causes, share))
 

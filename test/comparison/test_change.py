@@ -29,6 +29,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Cause, Estimate, Point
 from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.methods import identify
@@ -236,9 +237,12 @@ def test_the_words_of_a_group_leave_room_for_its_bar():
 
 def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     cause = grown.diagnosis.causes[0]
-    unsure = replace(grown.diagnosis, verdict='unknown')
+    told = (wording.BENT_LAW.format('A', 'load', '60 %'), wording.ONE_RUN,
+            wording.uncertain_gain_words((-0.1, 0.9)))
+    unsure = replace(grown.diagnosis, verdict='unknown', warnings=told)
     stated = with_main_cause(unsure, cause.visible, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
+    assert stated.warnings == told[:1], 'a session of other tests predicts badly'
     assert stated.probabilities['radial_friction'] > 0.9
     assert stated.in_doubt().probabilities['radial_friction'] < 0.2
     force, wider = (one.parameters['force'] for one in (cause, stated.causes[0]))

@@ -423,7 +423,7 @@ def _is_as_large(among: Among, published: Publication, other: str, main: str) ->
 
 def _unlike_in_runs(shares: Shares, titles: str) -> list[str]:
     """Sentences on runs, predicted or fitted, in which the misfit falls by too little."""
-    doubts = [wording.ONE_RUN] if shares.interval is None else _uncertain_gain(shares)
+    doubts: list[str] = _uncertain_gain(shares) if shares.interval else [wording.ONE_RUN]
     run, least = shares.worst_run
     return doubts if least >= 0.0 else [*doubts, wording.WORSE_RUN.format(run, titles)]
 
@@ -431,8 +431,7 @@ def _unlike_in_runs(shares: Shares, titles: str) -> list[str]:
 def _uncertain_gain(shares: Shares) -> list[str]:
     """A sentence if predicted runs may be predicted no better, by the 95 % interval."""
     interval = shares.interval
-    return [wording.UNCERTAIN_GAIN.format(*map(percent, interval))
-            ] if interval and interval[0] <= 0.0 else []
+    return [wording.uncertain_gain_words(interval)] if interval and interval[0] <= 0.0 else []
 
 
 def other_laws(search: Search) -> list[str]:

@@ -35,6 +35,10 @@ PREDICTED = {'held out': 'held-out runs', 'held out in turn': 'runs held out in 
 """Runs that a gain was measured on beside the fitted ones, by `Gain.how`."""
 
 
+class OfPrediction(str):
+    """A warning on how well a model predicts runs to which it was not fitted."""
+
+
 def gain_words(fitted: float, held_out: float | None, how: str = 'held out') -> str:
     """Misfit reductions as percentages; how: of `Gain`."""
     words, others = f'{percent(fitted)} on fitted runs', PREDICTED.get(how, 'held-out runs')
@@ -301,7 +305,8 @@ def remaining_words(explained: float) -> str:
 
 # Warnings: why causes have no name.
 
-ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
+ONE_RUN = OfPrediction(
+    'there is one run only, so that no prediction of another run supports the causes')
 SINGLE_RUN = ('Record a second run under other inputs: with one run nothing shows whether this '
               'verdict predicts another one.')
 WORSE_RUN = 'in the fitted run {} the misfit is larger with {} than without'
@@ -337,8 +342,6 @@ SIZE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the siz
 BASE_AT_BOUND = ('{}: the misfit falls further beyond this bound, which a cause can imitate: see '
                  'to the units of the readings, or give wider bounds')
 UNCERTAIN = '{}: the 95 % interval of its {}, {}, includes {}'
-UNCERTAIN_GAIN = ('the misfit reduction on predicted runs is between {} and {} (95 % interval), '
-                  'so that there may be none')
 OUTLIER = ('{} has {:.0f} times the effect of the small errors of all other entries of the '
            'catalogue; these errors explain the remainder')
 NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and at least {:.0f} '
@@ -367,9 +370,16 @@ def weak_words(title: str, shares: results.Shares, needed: float) -> str:
     digits = 2 if percent(shares.best) != percent(needed) else 3  # '85 %' is too little for 85 %
     taken = percent(max(shares.best, 0.0), digits)
     where = '' if fitted < needed else f' on fitted runs, but {taken} on predicted ones'
-    return (f'{percent(fitted) if where else taken} of the power of the misfit beyond noise is '
-            f'explained by {title}{where}, and at least {percent(needed)} is required, because a '
-            'wrong cause can explain nearly as much')
+    words = (f'{percent(fitted) if where else taken} of the power of the misfit beyond noise is '
+             f'explained by {title}{where}, and at least {percent(needed)} is required, because a '
+             'wrong cause can explain nearly as much')
+    return OfPrediction(words) if where else words
+
+
+def uncertain_gain_words(interval: tuple[float, float]) -> OfPrediction:
+    low, high = map(percent, interval)
+    return OfPrediction(f'the misfit reduction on predicted runs is between {low} and {high} '
+                        '(95 % interval), so that there may be none')
 
 
 def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') -> str:
@@ -379,9 +389,10 @@ def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') 
     return f'beside small errors, {joined(others)} without {title} explain the misfit {how}'
 
 
-def worse_prediction_words(title: str, rise: float, how: str) -> str:
-    return (f'{title}: not named, because the model with this cause predicts {PREDICTED[how]} '
-            f'worse: the misfit there rises by {percent(rise)}')
+def worse_prediction_words(title: str, rise: float, how: str) -> OfPrediction:
+    return OfPrediction(
+        f'{title}: not named, because the model with this cause predicts {PREDICTED[how]} worse: '
+        f'the misfit there rises by {percent(rise)}')
 
 
 def some_runs_words(title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
@@ -393,11 +404,11 @@ def some_runs_words(title: str, runs: Sequence[str], size: tuple[float, float], 
             'something changed between the runs, or the law depends on what differs between them')
 
 
-def unpredicted_words(rest: Remainder, *, has_causes: bool) -> str:
+def unpredicted_words(rest: Remainder, *, has_causes: bool) -> OfPrediction:
     fitted = 'the causes' if has_causes else 'the fitted runs show no cause, and'
-    return (f'{fitted} do not predict held-out {rest.run}: '
-            f'{percent(rest.share_of_range)} of range in {rest.channel} remains there: look for '
-            'what changed between the runs, or fit it too')
+    return OfPrediction(
+        f'{fitted} do not predict held-out {rest.run}: {percent(rest.share_of_range)} of range in '
+        f'{rest.channel} remains there: look for what changed between the runs, or fit it too')
 
 
 # Warnings beside a name.
