@@ -58,12 +58,20 @@ def _messages(folder: str) -> Iterator[str]:
                     yield from _text(texts[0])
 
 
+def _put_in(value: ast.expr) -> str:
+    """What stands for a value that is put in: … with the noun, in the plural, of a number."""
+    if isinstance(value, ast.Call) and ast.unparse(value.func) == 'counted':
+        noun = ast.literal_eval(value.args[1])
+        return f'… {noun.partition("|")[2] or noun + "s"}'
+    return '…'
+
+
 def _text(value: ast.expr) -> Iterator[str]:
     """A message with … for what is put in; nothing if that is most of it."""
     if isinstance(value, ast.Constant) and isinstance(value.value, str):
         words = value.value
     elif isinstance(value, ast.JoinedStr):
-        words = ''.join(part.value if isinstance(part, ast.Constant) else '…'
+        words = ''.join(part.value if isinstance(part, ast.Constant) else _put_in(part.value)
                         for part in value.values)
     else:
         return

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable
 import difflib
+import re
 from typing import Any
 
 UNUSABLE = 2
@@ -50,6 +51,19 @@ class ReportError(SaddleringError):
 
 class LiveError(SaddleringError):
     """A page that cannot be served with these options."""
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things: '1 gap', '2 gaps'; both forms are given as 'stamp goes|stamps go'."""
+    one, _, several = noun.partition('|')
+    return f'{number} {one if number == 1 else several or one + "s"}'
+
+
+def counted_name(number: int, name: str) -> str:
+    """A counter by its name: '2 late loads', '1 leap of reading' of leaps_of_reading."""
+    words = name.replace('_', ' ')
+    return f'{number} ' + (re.sub('(leap|jump|load|duplicate)s', r'\1', words) if number == 1
+                           else words)
 
 
 def printable(text: str) -> str:

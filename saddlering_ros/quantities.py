@@ -222,11 +222,6 @@ MAX_REASONS = 3
 """Reasons that one line states: more of them are not read."""
 
 
-def counted(number: int, noun: str) -> str:
-    """A number of things: '1 gap', '2 gaps'."""
-    return f'{number} {noun}' + 's' * (number != 1)
-
-
 def first_of(reasons: Sequence[str], separator: str = '; ') -> str:
     """The first reasons joined, each once, and how many more there are."""
     reasons = list(dict.fromkeys(reasons))

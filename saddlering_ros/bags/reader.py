@@ -16,7 +16,7 @@ from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import Floats, gap_mask, JITTER_NS, Stamps
 from saddlering_ros.record.plateaus import plateaus
@@ -125,20 +125,22 @@ def raw_topic(scanned: Scan, name: str) -> RawTopic:
                        'record the topic of the rig, or remap it')
     if topic.count < fewest:
         raise BagError(
-            f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
-            'ran, and record again')
+            f'{where}: holds {counted(topic.count, "message")}, too few for a test: check that '
+            'its driver ran, and record again')
     stamps, values = topic.stamps.array(), topic.values.array()
     keep, reordered, duplicates = put_in_order(where, stamps, topic.log_times.array, values)
     notes = []
     if reordered:
-        notes.append(f'{name}: {reordered} messages were stored late and are sorted')
+        verb = 'message was stored late and is|messages were stored late and are'
+        notes.append(f'{name}: {counted(reordered, verb)} sorted')
     if duplicates:
-        notes.append(f'{name}: {duplicates} messages repeat the stamp of another and are left out')
+        verb = 'message repeats|messages repeat'
+        notes.append(f'{name}: {counted(duplicates, verb)} the stamp of another, left out')
     if notes:
         stamps, values = scratch_copy(stamps[keep]), scratch_copy(values[keep])
     if len(stamps) < fewest:
-        raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
-                       'let the driver stamp each sample')
+        raise BagError(f'{where}: holds {counted(len(stamps), "different stamp")}, too few for a '
+                       'test: let the driver stamp each sample')
     spans = np.concatenate([np.empty((0, 2)), *topic.spans])
     if (spans != spans[:1]).any() and np.isfinite(spans).all():
         notes.append(f'{name}: min_range or max_range changes during the record')

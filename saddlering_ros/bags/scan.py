@@ -17,7 +17,7 @@ from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, Mca
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
 from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.readings import ELEVATION_TOLERANCE_DEG
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted
 from saddlering_ros.quantities import first_of
 from saddlering_ros.record.record import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray
@@ -90,7 +90,7 @@ class Scan:
             for cut in self.cuts]
         said, names = self.directory.message_count, self.directory.unlisted
         if not self.cuts and said not in (None, self.message_count):
-            notes.append(f'metadata.yaml counts {said} messages and the files hold '
+            notes.append(f'metadata.yaml counts {counted(said, "message")} and the files hold '
                          f'{self.message_count}: "ros2 bag reindex" corrects the count')
         if names:
             notes.append(f'not read, because metadata.yaml does not list them: '

@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import counted, SaddleringError
 from saddlering_ros.files import write_text
 
 RESULTS, REPORTS, STATUS = 'results', 'reports', 'status.json'
@@ -45,7 +45,7 @@ class Status:
             self.faults += document.get('kind') != 'refused'
 
     def __str__(self) -> str:
-        parts = [f'{self.done} of {self.total} sessions', f'{self.failed} failed']
+        parts = [f'{self.done} of {counted(self.total, "session")}', f'{self.failed} failed']
         passed = self.updated - self.started
         if passed > 0.0 and self.computed:
             parts.append(f'{3600.0 * self.computed / passed:.0f} an hour')

@@ -7,6 +7,7 @@ import time
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
+from saddlering_ros.errors import counted
 
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     limits = limits_from_text(args.limit)
     with Bar() as bar:
         bags = sessions.find_bags(
-            args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
+            args.folder, lambda count: bar.show('find', 0.0, counted(count, 'bag')))
     if not bags:
         raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
     if args.manifest is not None:
@@ -97,8 +98,10 @@ def run(args: argparse.Namespace) -> int:
             for one in grouped[:MAX_SHOWN]], texts=6)
         if len(grouped) > MAX_SHOWN:
             print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
-        print(f'{len(grouped)} sessions of {len({one.ring for one in grouped})} rings, '
-              f'{sum(len(one.bags) for one in grouped)} bags')
+        print(', '.join([
+            f'{counted(len(grouped), "session")} of '
+            f'{counted(len({one.ring for one in grouped}), "ring")}',
+            counted(sum(len(one.bags) for one in grouped), 'bag')]))
     if args.plan:
         return 0
     store = Store(args.out)
@@ -123,8 +126,8 @@ def run(args: argparse.Namespace) -> int:
             print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
         for ring in [ring for ring in fleet.rings if ring.reasons][:MAX_SHOWN]:
             print(f'ring {ring.ring}: {"; ".join(ring.reasons)}')
-        words = (f'{summary.done} of {summary.total} sessions have a result, {summary.computed} '
-                 f'of them new; written: {store.folder / "report.html"}')
+        words = (f'{summary.done} of {counted(summary.total, "session")} with a result, '
+                 f'{summary.computed} of them new; written: {store.folder / "report.html"}')
         if summary.failed:
             words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
         if summary.altered:

@@ -6,6 +6,7 @@ import sys
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, tell_json, Within
+from saddlering_ros.errors import counted
 
 COMMANDS = (Command(
     'check-driver', 'check rates, stamps, range and signs of a rig driver',
@@ -56,8 +57,9 @@ def run(args: argparse.Namespace) -> int:
     if not tell_json(args, document):
         for name, told in topics.items():
             if told['rate'] is not None and told['mean'] is not None:
-                print(f'{name}: {told["samples"]} samples at {told["rate"]:.5g} Hz, mean '
-                      f'{told["mean"]:.6g}, {1e3 * told["delay"]:.3g} ms from stamp to arrival')
+                print(f'{name}: {counted(told["samples"], "sample")} at {told["rate"]:.5g} Hz, '
+                      f'mean {told["mean"]:.6g}, {1e3 * told["delay"]:.3g} ms from stamp to '
+                      'arrival')
         for finding in findings:
             print(f'{finding.severity}: {finding}')
         if not findings:

@@ -16,7 +16,7 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -168,7 +168,7 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
         done = []
         for bag in held_out:
             done.append(replay(bag, parameters, scratch, domain))
-            say(f'      {bag.name}: {done[-1].messages} messages, '
+            say(f'      {bag.name}: {counted(done[-1].messages, "message")}, '
                 f'{done[-1].lost or "none"} lost')
         return done
 

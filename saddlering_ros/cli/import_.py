@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
-from saddlering_ros.errors import printable
+from saddlering_ros.errors import counted, printable
 
 if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportResult
@@ -89,7 +89,7 @@ def _import(args: argparse.Namespace) -> int:
     with Bar() as bar:
         result = import_files(
             args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
-            on_progress=lambda samples: bar.show('import', 0.0, f'{samples} samples'))
+            on_progress=lambda samples: bar.show('import', 0.0, counted(samples, 'sample')))
     if args.preview is not None:
         save_preview(args.preview, result.runs, shown)
     warnings = [*result.warnings, *_doubts(args, result, shown)]
@@ -102,8 +102,9 @@ def _import(args: argparse.Namespace) -> int:
         print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
               f'{(stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
         for name, course in run.courses.items():
-            print(f'  {name}: {course.count} samples, {_reading(name, min(course.lowest), shown)} '
-                  f'to {_reading(name, max(course.highest), shown)}')
+            print(f'  {name}: {counted(course.count, "sample")}, '
+                  f'{_reading(name, min(course.lowest), shown)} to '
+                  f'{_reading(name, max(course.highest), shown)}')
     if args.preview is not None:
         print(f'written: {args.preview}')
     print(f'next: saddlering info {result.runs[0].path}'

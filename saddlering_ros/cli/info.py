@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, show_table, stdout_console, tell_json
-from saddlering_ros.errors import BagError, printable
+from saddlering_ros.errors import BagError, counted, printable
 
 if TYPE_CHECKING:
     from saddlering_ros.bags.reader import BagInfo, TopicInfo
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if not problems:
         return 0
     sys.stdout.flush()
-    more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
+    more = f' (and {counted(len(problems) - 1, "more unusable bag")})' if len(problems) > 1 else ''
     first = printable(arguments.in_options(problems[0]))
     print(f'saddlering info: {first}{more}', file=sys.stderr)
     return 2
@@ -85,8 +85,8 @@ def _print_info(bag: str, info: 'BagInfo', rig: 'Rig') -> None:
              f'{stated.elevation_deg:g} deg'),
             ('rig', stated.rig), ('rig hash', stated.details.get('rig_hash', '')[:12]),
             ('run', stated.run),
-            ('storage', f'{info.files} file{"s" * (info.files != 1)}, {info.size / 1e6:.2f} MB, '
-             f'{info.message_count} messages, compression '
+            ('storage', f'{counted(info.files, "file")}, {info.size / 1e6:.2f} MB, '
+             f'{counted(info.message_count, "message")}, compression '
              + (', '.join(printable(name) or 'none' for name in info.compressions) or 'unknown')),
             ('duration', '' if math.isnan(info.duration) else f'{info.duration:.3f} s'),
             ('load', '' if math.isnan(high) else f'{loads[0]} ({loads[1]})'),

@@ -9,7 +9,7 @@ import time
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, tell_json, Within
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted
 
 COMMANDS = (Command(
     'record', 'record the rig and the live results into a bag',
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'note: {contradiction}', file=sys.stderr)
     seconds, counts = time.monotonic() - began, node.counts()
     if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
-        print(f'{args.out}: {sum(counts.values())} messages of rig and ring in '
+        print(f'{args.out}: {counted(sum(counts.values()), "message")} of rig and ring in '
               f'{seconds:.1f} s')
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}, namespace '

@@ -13,6 +13,7 @@ from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json, Within
+from saddlering_ros.errors import counted
 
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
 """Log lines of replay_clock at its start and after its last sample."""
@@ -60,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
     if not tell_json(args, told):
         print('the bag is at its end')
         if args.record is not None:
-            print(f'written: {args.record}, {sum(told["messages"].values())} messages')
+            print(f'written: {args.record}, '
+                  + counted(sum(told['messages'].values()), 'message'))
     return 0
 
 

@@ -10,8 +10,8 @@ from saddlering_ros.doubts import FAULT, Finding
 from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
-from saddlering_ros.errors import BagError
-from saddlering_ros.quantities import counted, quantity
+from saddlering_ros.errors import BagError, counted
+from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import align, Floats, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
@@ -131,8 +131,8 @@ def check_driver(rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
             findings.fault('it has no publisher: start the driver, or remap its topic')
         else:
             findings.fault(
-                f'{len(one)} samples came from {one.publishers} publisher(s): check that the '
-                'driver reads its device, or listen longer')
+                f'{counted(len(one), "sample")} came from {counted(one.publishers, "publisher")}: '
+                'check that the driver reads its device, or listen longer')
     if usable:
         names = [topic.name for topic in probes]
         findings += skew_findings({name: heard[name].delay for name in (LOAD_TOPIC, *names)})
@@ -164,9 +164,10 @@ def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float |
                        'before: stamp each sample of a block with its own time')
         return
     if shared:
-        findings.fault(f'{shared} samples have the stamp of the one before')
+        findings.fault(f'{counted(shared, "sample has|samples have")} the stamp of the one before')
     if back:
-        findings.fault(f'{back} stamps go back: publish samples in the order of their measurement')
+        findings.fault(f'{counted(back, "stamp goes|stamps go")} back: publish samples in the '
+                       'order of their measurement')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():
@@ -199,7 +200,7 @@ def _values(findings: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> 
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
     if impossible and not _in_other_unit(findings, rig, topic, values):
-        findings.fault(f'{impossible} readings that this rig cannot have (from '
+        findings.fault(f'{counted(impossible, "reading")} that this rig cannot have (from '
                        f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
                        'them; look for spikes, the unit and the rig file')
     if topic is LOAD:

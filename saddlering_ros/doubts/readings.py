@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from saddlering_ros.doubts import Finding
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted, counted_name
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import batches, scratch
 from saddlering_ros.record import quality as logger_quality
@@ -213,8 +213,8 @@ def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Findi
             'or two converters publish it: end one of them', topic))
     if quality.spikes.size:
         findings.append(Finding(
-            f'{quality.spikes.size} of its readings are spikes, the first at sample '
-            f'{quality.spikes[0]}: identification and diagnosis leave them out', topic))
+            f'{counted(quality.spikes.size, "reading is a spike|readings are spikes")}, the first '
+            f'at sample {quality.spikes[0]}: identification and diagnosis leave them out', topic))
     start, count = quality.stall
     if count:
         findings.append(Finding(
@@ -323,18 +323,18 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     for raw, guard in zip(topics, guards, strict=True):
         counts = guard.counters.refused
         if raw.topic != absent and counts:
-            words = ', '.join(f'{number} {reason.replace("_", " ")}{guard.limits.words(reason)}'
+            words = ', '.join(f'{counted_name(number, reason)}{guard.limits.words(reason)}'
                               for reason, number in counts.items())
             findings.append(Finding(
-                f'{sum(counts.values())} samples are refused, as live nodes refuse them '
-                f'({words}): validity marks what is interpolated across them, and identification '
-                'and diagnosis leave it out', raw.topic))
+                f'{counted(sum(counts.values()), "sample is|samples are")} refused, as live nodes '
+                f'do ({words}): validity marks what is interpolated across them, and '
+                'identification and diagnosis leave it out', raw.topic))
         if raw.topic != absent and guard.counters.doubtful_load:
             findings.append(Finding(
-                f'{guard.counters.doubtful_load} samples lie behind a step that the hydraulics '
-                'cannot make in its time (rig.full_scale_time), as when a counter rolls over: '
-                'validity marks what is simulated by them, and identification and diagnosis leave '
-                'it out', raw.topic))
+                f'{counted(guard.counters.doubtful_load, "sample lies|samples lie")} behind a '
+                'step that the hydraulics cannot make in its time (rig.full_scale_time), as when '
+                'a counter rolls over: validity marks what is simulated by them, and '
+                'identification and diagnosis leave it out', raw.topic))
     lowest, _, highest = _measured_elevation(record)
     if highest - lowest > ELEVATION_TOLERANCE_DEG:
         findings.append(Finding(

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.fft import dct, idct
 from scipy.optimize import nnls
 
+from saddlering_ros.errors import counted
 from saddlering_ros.estimation import process
 from saddlering_ros.estimation.noise import MIN_SAMPLES, MIN_WHITE, Statistics
 from saddlering_ros.estimation.process import allan_columns, Array, ChannelNoise, EstimationError
@@ -114,7 +115,7 @@ def noise_of_stretches(stretches: Sequence[Array], step: float, longest: float,
     sizes = [row.size for row, _ in rows]
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(
-            f'noise: {where} has only {sum(sizes)} samples: give at least '
+            f'noise: {where} has only {counted(sum(sizes), "sample")}: give at least '
             f'{MIN_SAMPLES}, or Noise.white(std)')
     scales, observed, pairs = process.allan_variances(rows)
     used = scales <= max(longest, step) * (1.0 + 1e-9)
@@ -229,8 +230,8 @@ def _noise_of_fast_values(record: ChannelRecord, values: Array, waves: int,
     sizes = [row.size for row in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(
-            f'noise: run {record.run} holds {sum(sizes)} samples, too few to learn from: give at '
-            f'least {MIN_SAMPLES}, or Noise.white(std)')
+            f'noise: run {record.run} holds {counted(sum(sizes), "sample")}, too few to learn '
+            f'from: give at least {MIN_SAMPLES}, or Noise.white(std)')
     step = record.step
     spectrum = _spectrum_above(values, waves, MAX_BINS)
     if not spectrum.power.max(initial=0.0) > 0.0:

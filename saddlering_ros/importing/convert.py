@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags.write import BagWriter, messages_of
-from saddlering_ros.errors import BagError, did_you_mean, plain_number
+from saddlering_ros.errors import BagError, counted, did_you_mean, plain_number
 from saddlering_ros.files import sha256_of_file, whole_file
 from saddlering_ros.importing import calibration
 from saddlering_ros.importing.calibration import ImportingError, known_unit, measures, words_of
@@ -151,9 +151,10 @@ def import_files(
         raise ImportingError(f'{files[0]}: has no sample with a readable time: correct the map')
     if mapping.split is not None and mapping.split.by == 'gap' and (
             len(runs) < len(mapping.split.runs)):
-        sources[0].warn(f'split.runs of the map describes {len(mapping.split.runs)} runs and the '
-                        f'files hold {len(runs)}: check seconds: and the elevation of each, which '
-                        'goes by their order')
+        described = counted(len(mapping.split.runs), 'run')
+        sources[0].warn(f'split.runs of the map describes {described} and the files hold '
+                        f'{len(runs)}: check seconds: and the elevation of each, which goes by '
+                        'their order')
     warnings = [line for source in sources for line in source.warnings]
     return ImportResult(tuple(runs), tuple(warnings))
 
@@ -311,12 +312,12 @@ def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
         lines.append(f'  {name}: {{{", ".join(entries)}}}')
     seen = []
     for source in sources:
-        seen.append(f'{source.path}: {source.FORMAT}, {len(source.columns)} columns')
+        seen.append(f'{source.path}: {source.FORMAT}, {counted(len(source.columns), "column")}')
         seen += [f'  {line}' for line in source.shape_words]
         for column in source.columns:
             unit = f' [{column.unit}]' if column.unit else ' (no unit given)' \
                 if column.kind == NUMBER else ''
-            rows = '' if column.rows is None else f', {column.rows} rows'
+            rows = '' if column.rows is None else f', {counted(column.rows, "row")}'
             clock, timing = '', column.timing
             if timing is not None:
                 how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'

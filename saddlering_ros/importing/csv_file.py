@@ -16,7 +16,7 @@ import pyarrow as pa
 from pyarrow import compute
 from pyarrow import csv as arrow_csv
 
-from saddlering_ros.errors import refuse_unknown_keys
+from saddlering_ros.errors import counted, refuse_unknown_keys
 from saddlering_ros.importing.calibration import ImportingError, known_unit
 from saddlering_ros.importing.source import Block, Column, MAX_LEFT_OUT, NUMBER, Source, TEXT
 
@@ -288,8 +288,8 @@ class CsvSource(Source):
         if rows != read:
             place = (f'line {unpaired} has a quotation mark without its partner: correct it'
                      if unpaired else 'the line ends are unclear: save the file again')
-            raise ImportingError(f'{self.path}: {rows - read} rows of {rows} would be lost; '
-                                 f'{place}')
+            raise ImportingError(f'{self.path}: {counted(rows - read, "row")} of {rows} would be '
+                                 f'lost; {place}')
 
     def _numbers(self, name: str, cells: pa.Array, line: int) -> NDArray[np.float64]:
         """Numbers of cells from `line` on; NaN where a cell is empty or, said once, no number."""

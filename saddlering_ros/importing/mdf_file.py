@@ -17,6 +17,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import counted
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.source import Block, BLOCK_ROWS, Column, NUMBER, Source, Timing
 
@@ -241,8 +242,8 @@ class MdfSource(Source):
                 left, rows = left[count * group.record:], rows - count
         if rows:
             count = len(left) // group.record
-            self.warn(f'a group ends {rows - count} records early: the file was not closed '
-                      'properly')
+            self.warn(f'a group ends {counted(rows - count, "record")} early: the file was not '
+                      'closed properly')
             records = _table(left, group.record, count)
             yield {name: self._channels[name].values(records) for name in names}
 

@@ -13,6 +13,7 @@ from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.driver import CLOCK_LIMIT, machine_findings, skew_findings
 from saddlering_ros.doubts.wiring import wiring_findings
+from saddlering_ros.errors import counted
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Displacements, is_pause
 from saddlering_ros.record.displacement import DisplacementStream, ZeroNoise
@@ -224,7 +225,7 @@ class RingDisplacementNode(streaming_node.StreamingNode):
         if not found:
             return TaskStatus(OK, 'no difference between load and probes is seen')
         count = len({one.where for one in found})
-        more = f'; {count - 1} more topics likewise' if count > 1 else ''
+        more = f'; {counted(count - 1, "more topic")} likewise' if count > 1 else ''
         hint = (' (if ros2 bag play sends them: start it with --clock, and the nodes with '
                 '-p use_sim_time:=true)') if of_machine else ''
         return TaskStatus(WARN, f'{found[0]}{more}{hint}')

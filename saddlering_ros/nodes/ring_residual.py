@@ -7,6 +7,7 @@ import numpy as np
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags.wire import covariance_of, decode_displacements, encode_displacements
+from saddlering_ros.errors import counted
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros import diagnostics, streaming_node
@@ -90,7 +91,7 @@ class RingResidualNode(streaming_node.StreamingNode):
         if not counts.any():
             return TaskStatus(OK, 'no residual in this period')
         rms = np.sqrt(np.nansum(numbers ** 2, axis=0) / np.maximum(counts, 1))
-        return TaskStatus(OK, f'{int(counts.max())} residuals', {
+        return TaskStatus(OK, counted(int(counts.max()), 'residual'), {
             f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
             for name, value in zip(CHANNELS, rms.tolist(), strict=True)})
 

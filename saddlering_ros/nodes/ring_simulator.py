@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import counted, SaddleringError
 from saddlering_ros.monitoring.expected import ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.record.batches import Displacements
@@ -299,7 +299,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         new, self._failed_steps = failed - self._failed_steps, failed
         figures = {'iterations': str(simulator.iterations), 'not converged': str(failed)}
         if new > 0:
-            return TaskStatus(ERROR, f'{new} steps did not converge and are not published: '
+            return TaskStatus(ERROR, f'{counted(new, "step")} did not converge, not published: '
                               'check load and parameters', figures)
         return TaskStatus(OK, 'converges', figures)
 

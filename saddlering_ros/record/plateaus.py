@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, counted
 from saddlering_ros.record.batches import Floats, Mask
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks, forget, scratch_array, spread, spread_changes
@@ -87,8 +87,8 @@ def plateaus(run: Record) -> Plateaus:
     holds = find_holds(run.time, run.load)
     if len(holds) < MIN_PLATEAUS:
         raise BagError(
-            f'{run.path}: the load is held at {len(holds)} levels, too few for a static test: '
-            "hold the load at more levels, or give test='dynamic'")
+            f'{run.path}: the load is held at {counted(len(holds), "level")}, too few for a '
+            "static test: hold the load at more levels, or give test='dynamic'")
     hold_start, hold_stop = np.array(holds, dtype=np.int64).T
     # The first samples behind the settling part.
     begins = run.time[hold_start] + SETTLING_SHARE * (

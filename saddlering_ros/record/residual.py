@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import counted
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import Displacements, Floats, JITTER_NS, Samples, SECOND, Stamps
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
@@ -393,8 +394,7 @@ def simulated_stretches(
                                   'equilibrium of this ring: check contact.K1 and contact.K2 of '
                                   'the parameter file, and the rig file')
         if failed:
-            notes.append(
-                f'the solver did not converge in {failed} steps: their samples are left out')
+            notes.append(f'the solver did not converge in {counted(failed, "step")}, left out')
         if zero is not None and not zero.near_preload:
             notes.append(batches.ZERO_ELSEWHERE)
 

@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.doubts.readings import unit_outside
-from saddlering_ros.quantities import counted
+from saddlering_ros.errors import counted, counted_name
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.ros.parameters import HARDWARE_ID
 
@@ -117,14 +117,14 @@ class StreamTask(Kept):
             'rate [1/s]': f'{rate:.1f}', 'period by stamps [ms]': f'{self._median * 1e3:.4g}',
             'messages': str(self.total), 'gaps': str(self.gaps), 'late': str(self.late),
             'longest gap of this period [s]': f'{longest:.4g}'}
-        level, words = WARN, f'{rate:.0f} messages a second'
+        level, words = WARN, f'{counted(round(rate), "message")} a second'
         if not len(stamps):
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
             words += '' if self.source == self.topic else f' on {self.source}'
         elif len(long):
             words = f'{counted(len(long), "gap")} in the stamps, longest {longest:.3g} s'
         elif late:
-            words = f'{late} messages out of order or stamps that jumped back'
+            words = f'{counted(late, "message")} out of order or stamps that jumped back'
         elif rate < self.lowest_rate:
             words = f'{rate:.1f} messages a second, and at least {self.lowest_rate:g} are required'
         else:
@@ -182,8 +182,9 @@ class SaturationTask(Kept):
                    'nearest to an end [mm]': f'{np.min(margins, initial=math.inf) * 1e3:.4g}'}
         if count:
             hint = unit_outside(values, self.low, self.high)
-            return TaskStatus(ERROR, f"{count} readings are at an end of the probe's range{hint}: "
-                              'check position and unit of the probe', figures)
+            return TaskStatus(ERROR, counted(count, 'reading is|readings are')
+                              + f" at an end of the probe's range{hint}: check position and "
+                              'unit of the probe', figures)
         return TaskStatus(OK, 'inside its range', figures)
 
 
@@ -262,7 +263,7 @@ class Events:
                                      if event == name and count > before.get((event, place), 0))
                      for name in counts}
             return ', '.join(
-                f'{count - before.get(name, 0)} {name.replace("_", " ")}'
+                counted_name(count - before.get(name, 0), name)
                 + (f' ({where[name]})' if where[name] else '')
                 for name, count in counts.items()
                 if count > before.get(name, 0) and name not in self._harmless)

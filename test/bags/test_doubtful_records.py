@@ -285,10 +285,10 @@ def test_a_spike_costs_itself_and_is_counted(tmp_path, recording):
     seen = read_run(struck.write(tmp_path / 'bag'))
     sound = read_run(recording.write(tmp_path / 'sound'))
     kept = seen.without_spikes()
-    (of_load,) = (note for note in seen.notes if note.startswith(f'{LOAD_TOPIC}: 1 samples are'))
+    (of_load,) = (note for note in seen.notes if note.startswith(f'{LOAD_TOPIC}: 1 sample is'))
     assert '(1 impossible: limits -24.5 kN and 368 kN)' in of_load
-    assert sum('(1 leaps of reading: limit 20.0 µm + ' in note for note in seen.notes) == 1
-    assert sum('1 of its readings are spikes' in note for note in seen.notes) == 1
+    assert sum('(1 leap of reading: limit 20.0 µm + ' in note for note in seen.notes) == 1
+    assert sum('1 reading is a spike' in note for note in seen.notes) == 1
     assert np.array_equal(seen.stamps, np.delete(sound.stamps, 400))
     lost = np.isnan(kept.gaps[2]) & ~np.isnan(seen.gaps[2])
     assert seen.stamps[lost].tolist() in (sound.stamps[599:601].tolist(),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from saddlering_ros.errors import counted
 from saddlering_ros.quantities import compact, percent, probability, quantity, signed, span
 
 
@@ -19,6 +20,12 @@ from saddlering_ros.quantities import compact, percent, probability, quantity, s
     (1200.0, 's', None, '20.0 min'), (7200.0, 's', None, '2.00 h'), (4e6, 's', None, '46.3 d')])
 def test_a_quantity_has_a_prefix_and_the_digits_its_error_leaves(value, unit, std, shown):
     assert quantity(value, unit, std) == shown
+
+
+def test_one_thing_is_in_the_singular_with_its_verb():
+    assert [counted(number, 'gap') for number in (0, 1, 2)] == ['0 gaps', '1 gap', '2 gaps']
+    assert [counted(number, 'stamp goes|stamps go') for number in (1, 2)] == [
+        '1 stamp goes', '2 stamps go']
 
 
 def test_an_interval_has_one_power_of_ten_and_its_unit():
