@@ -1,6 +1,8 @@
 """`saddlering import`: conversion of measured files of a data logger to a bag."""
 
 import argparse
+from contextlib import suppress
+from itertools import combinations
 import math
 from pathlib import Path
 import sys
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
-from saddlering_ros.errors import counted, printable
+from saddlering_ros.errors import BagError, counted, printable
 
 if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportResult
@@ -98,9 +100,8 @@ def _import(args: argparse.Namespace) -> int:
     if tell_json(args, {**result.as_dict(), 'warnings': warnings}):
         return 0
     for run in result.runs:
-        stop = max(course.last for course in run.courses.values())
         print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
-              f'{(stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
+              f'{(run.stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
         for name, course in run.courses.items():
             print(f'  {name}: {counted(course.count, "sample")}, '
                   f'{_reading(name, min(course.lowest), shown)} to '
@@ -114,10 +115,16 @@ def _import(args: argparse.Namespace) -> int:
 
 def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> list[str]:
     """Findings of `info` on the bags, and of `rig --check` where a rig file is given."""
-    from saddlering_ros.bags.reader import bag_info
+    from saddlering_ros.bags.reader import bag_info, read_run
     from saddlering_ros.cli.rig import contradictions
+    from saddlering_ros.doubts.comparison import overlap_words
 
     lines = []
+    for first, second in combinations(result.runs, 2):
+        if second.start <= first.stop and first.start <= second.stop:
+            with suppress(BagError):  # which is one of the problems below
+                words = overlap_words(*(read_run(run.path, rig=rig) for run in (first, second)))
+                lines += [f'{second.path}: {words}'] * bool(words)
     for run in result.runs:
         info = bag_info(run.path, rig=rig)
         doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]

@@ -5,11 +5,12 @@ A forgotten rig file simulates another ring: every channel misfits, and the advi
 
 from collections.abc import Sequence
 from itertools import combinations
+import math
 
 import numpy as np
 
 from saddlering_ros.errors import BagError
-from saddlering_ros.record.batches import Rows
+from saddlering_ros.record.batches import Mask, Rows
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, RigError, short_digest
@@ -73,7 +74,7 @@ def is_same_recording(first: Record, second: Record) -> bool:
     """Whether two runs share their readings over most of the shorter one; stamps do not count."""
     shorter, longer = sorted((first, second), key=lambda run: len(run.load))
     wanted = SAME_SHARE * len(shorter.load)
-    if _equal_at_their_stamps(first, second) > wanted:
+    if shared_rows(first, second) > wanted:
         return True
     for share in ANCHORS:
         anchor = int(share * len(shorter.load))
@@ -89,6 +90,14 @@ def is_same_recording(first: Record, second: Record) -> bool:
     return False
 
 
+def overlap_words(first: Record, second: Record) -> str:
+    """A note on a part of `second` that `first` holds too, with the same stamps; '' without."""
+    shared = shared_rows(first, second)
+    return '' if not shared else (
+        f'{shared} of its {len(second.load)} samples stand in {first.path} too, with the same '
+        'stamps, and count twice: give one of the two, or remove this part from one of them')
+
+
 def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
     """Number of rows of a run that equal those of another `shift` rows later."""
     start = max(0, -shift)
@@ -96,40 +105,46 @@ def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
     count = 0
     for block in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
         rows = slice(start + block.start, start + block.stop)
-        count += _equal(shorter, rows, longer, slice(rows.start + shift, rows.stop + shift))
+        count += np.count_nonzero(
+            _equal(shorter, rows, longer, slice(rows.start + shift, rows.stop + shift)))
     return count
 
 
-def _equal_at_their_stamps(first: Record, second: Record) -> int:
-    """Number of rows that two runs share with stamp and readings; 0 if few stamps are in both."""
+def shared_rows(first: Record, second: Record) -> int:
+    """Number of rows that two runs share with stamp and readings; 0 if they are too few to tell.
+
+    Loads and gaps without noise, at rest, are equal in two runs that begin alike: they tell none.
+    """
     start, stop = np.searchsorted(first.stamps, [
         max(first.stamps[0], second.stamps[0]),
         min(first.stamps[-1], second.stamps[-1]) + 1]).tolist()
-    if stop - start <= SAME_SHARE * min(first.stamps.size, second.stamps.size):
-        return 0
     arrays = (first.stamps, first.load, first.gaps, second.stamps, second.load, second.gaps)
-    count = 0
-    for block in blocks(stop - start, *arrays):
+    count, low, high = 0, math.inf, -math.inf
+    for block in blocks(max(0, stop - start), *arrays):
         rows = slice(start + block.start, start + block.stop)
         stamps = first.stamps[rows]
         others = slice(*np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist())
         _, left, right = np.intersect1d(stamps, second.stamps[others], assume_unique=True,
                                         return_indices=True)
-        count += _equal(first, rows.start + left, second, others.start + right)
-    return count
+        same = _equal(first, rows.start + left, second, others.start + right)
+        loads = first.load[rows][left][same]
+        count += len(loads)
+        low, high = loads.min(initial=low), loads.max(initial=high)
+    return count if count >= ANCHOR_ROWS and low < high else 0
 
 
-def _equal(first: Record, rows: Rows, second: Record, others: Rows) -> int:
-    """Number of the rows at which two runs have equal loads and gaps; NaN equals NaN."""
+def _equal(first: Record, rows: Rows, second: Record, others: Rows) -> Mask:
+    """Mask of the rows at which two runs have equal loads and gaps; NaN equals NaN."""
     gaps, other_gaps = first.gaps[:, rows], second.gaps[:, others]
     same = (gaps == other_gaps) | (np.isnan(gaps) & np.isnan(other_gaps))
-    return int(np.count_nonzero(same.all(axis=0) & (first.load[rows] == second.load[others])))
+    equal: Mask = same.all(axis=0) & (first.load[rows] == second.load[others])
+    return equal
 
 
 def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:
     """BagError (one line) if a recording is given twice, or is both fitted and held out.
 
-    Runs of several rings, by their names, get a note.
+    Runs of several rings, by their names, and those that share a smaller part get a note.
     """
     rings = sorted({run.ring for run in (*runs, *held_out)} - {''})
     note = (f'the bags name the rings {" and ".join(rings)}, and count as tests of one: give '
@@ -139,6 +154,9 @@ def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> N
             run.notes.append(note)
     for (place, first), (later, second) in combinations(enumerate([*runs, *held_out]), 2):
         if not is_same_recording(first, second):
+            note = overlap_words(first, second)
+            if note and note not in second.notes:
+                second.notes.append(note)
             continue
         if place < len(runs) <= later:
             raise BagError(

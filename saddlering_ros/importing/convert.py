@@ -81,6 +81,11 @@ class ImportedRun:
         """The first stamp [ns]."""
         return min(course.first for course in self.courses.values())
 
+    @property
+    def stop(self) -> int:
+        """The last stamp [ns]."""
+        return max(course.last for course in self.courses.values())
+
 
 @dataclass(frozen=True)
 class ImportResult:

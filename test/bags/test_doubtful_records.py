@@ -258,6 +258,19 @@ def test_the_same_recording_under_another_name_and_a_part_of_it_are_refused():
         refuse_repeats([first], [part])
 
 
+def test_a_run_that_shares_a_part_of_another_has_a_note():
+    first, second = run(), run(seed=1, start=int(1e9 * TIME[700]))
+    second.stamps[:300] = first.stamps[700:]
+    refuse_repeats([first, second])
+    assert second.notes == []
+    load, gaps = second.load.copy(), second.gaps.copy()
+    load[:300], gaps[:, :300] = first.load[700:], first.gaps[:, 700:]
+    overlapping = replace(second, load=load, gaps=gaps)
+    refuse_repeats([first, overlapping])
+    assert [note.partition(' samples')[0] for note in overlapping.notes] == [
+        f'300 of its {len(load)}']
+
+
 def test_a_copy_with_new_stamps_and_a_part_of_it_are_the_same_recording():
     first = run()
     for rows in (slice(None), slice(100, 800)):

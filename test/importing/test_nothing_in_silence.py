@@ -323,6 +323,18 @@ def test_fewer_runs_than_the_map_describes_are_said(tmp_path: Path) -> None:
     assert result.warnings == ()
 
 
+def test_runs_by_gaps_that_share_readings_are_said(tmp_path: Path, capsys) -> None:
+    """A logger that begins each file with the end of the one before."""
+    head, *rows = plain_table().splitlines()
+    for name, part in (('a', rows[:30]), ('b', rows[10:])):
+        (tmp_path / f'{name}.csv').write_text('\n'.join([head, *part]) + '\n')
+    (tmp_path / 'map.yaml').write_text(json.dumps(document(split={'by': 'gap', 'seconds': 0.1})))
+    assert main(['import', *(str(tmp_path / f'{name}.csv') for name in 'ab'), '--map',
+                 str(tmp_path / 'map.yaml'), '--out', str(tmp_path / 'bag')]) == 0
+    said = capsys.readouterr().err
+    assert f'bag/2: 20 of its 40 samples stand in {tmp_path}/bag/1 too' in said
+
+
 def test_a_channel_without_a_sample_and_a_shared_column_are_named(tmp_path: Path) -> None:
     clock = {'wf_increment': 0.01, 'wf_start_time': np.datetime64('2026-11-20T08:00:00')}
     with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
