@@ -1,6 +1,6 @@
 """The health of a node: small tasks, each of which watches one property."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 import time
@@ -225,19 +225,25 @@ class Namesakes:
         return words
 
 
-def sources_status(publishers: Mapping[str, int], unheard: Sequence[str] = ()) -> TaskStatus:
+def sources_status(publishers: Mapping[str, int], unheard: Sequence[str] = (),
+                   unmixed: Collection[str] = ()) -> TaskStatus:
     """One source of each topic that is read: two mixed sources cannot be separated.
 
-    unheard: why nothing comes of other publishers, in words.
+    unheard: why nothing comes of other publishers, in words. unmixed: topics on which no two of
+    the publishers send.
     """
     figures = {topic: str(count) for topic, count in publishers.items()}
-    several = [f'{count} publishers on {topic}' for topic, count in publishers.items()
-               if count > 1]
-    if several:
-        return TaskStatus(WARN, f'{", ".join(several)}: their samples are mixed; '
+    several = {topic: f'{count} publishers on {topic}' for topic, count in publishers.items()
+               if count > 1}
+    mixed = [words for topic, words in several.items() if topic not in unmixed]
+    if mixed:
+        return TaskStatus(WARN, f'{", ".join(mixed)}: their samples are mixed; '
                           'end all but one', figures)
     if unheard:
         return TaskStatus(WARN, '; '.join(unheard), figures)
+    if several:
+        return TaskStatus(OK, f'{", ".join(several.values())}, of which one at most sends: the '
+                          'other is silent, or was killed and is forgotten within 20 s', figures)
     return TaskStatus(OK, 'one at most', figures)
 
 

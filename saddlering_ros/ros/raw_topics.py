@@ -4,6 +4,7 @@ A loop waits for data, works a batch off, and serves everything else in between.
 what any driver of a rig publishes within some seconds.
 """
 
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 import importlib
@@ -98,6 +99,35 @@ class _Drained(ReentrantCallbackGroup):
         return False
 
 
+SEQUENCE = 'publication_sequence_number'
+
+LEASE = 20.0
+"""Time [s] after which the middleware forgets a publisher that was killed."""
+
+
+class Senders:
+    """Whether messages of several publishers come on a topic: a killed one is still counted.
+
+    Each publisher numbers its messages. They fall once where one begins anew, and again and again
+    where two are mixed. A middleware that does not tell the numbers tells nothing.
+    """
+
+    def __init__(self) -> None:
+        self._newest = 0
+        self._falls: deque[float] = deque(maxlen=2)
+
+    def note(self, number: int | None) -> None:
+        """A message with this number has come."""
+        if number is None or number <= self._newest:
+            self._falls.append(time.monotonic())
+        self._newest = number or 0
+
+    @property
+    def are_mixed(self) -> bool:
+        """Whether the numbers fell twice within the last LEASE."""
+        return len(self._falls) == 2 and time.monotonic() - self._falls[0] < LEASE
+
+
 class RawSubscription:
     """One topic a node reads, as raw CDR bytes, taken in batches.
 
@@ -122,6 +152,7 @@ class RawSubscription:
         self.received = self.malformed = self.last_stamp = 0
         self.heard = -math.inf  # when the last message was taken [s, monotonic]
         self.newest = b''
+        self.senders = Senders()
         self.unheard = ''
         self._open()
 
@@ -164,7 +195,7 @@ class RawSubscription:
     def take(self) -> list[bytes]:
         """Everything that has arrived since the last call."""
         messages: list[bytes] = []
-        handle, kind = self.handle, self._type
+        handle, kind, note = self.handle, self._type, self.senders.note
         while True:
             taken = handle.take_message(kind, True)
             if taken is None:
@@ -173,6 +204,7 @@ class RawSubscription:
                     self.newest, self.heard = messages[-1], time.monotonic()
                 return messages
             messages.append(taken[0])
+            note(taken[1][SEQUENCE])
 
     def take_as(self, decode: Callable[[list[bytes]], Batch]) -> Batch:
         """Arrived messages, decoded; undecodable ones are counted. The task judges the stamps."""

@@ -203,7 +203,8 @@ class StreamingNode(LifecycleNode):
         """The task that counts the publishers of each input topic."""
         return FunctionTask('sources', lambda: diagnostics.sources_status(
             {flow.topic: flow.publishers() for flow in self.inputs},
-            [flow.unheard for flow in self.inputs if flow.unheard]))
+            [flow.unheard for flow in self.inputs if flow.unheard],
+            [flow.topic for flow in self.inputs if not flow.senders.are_mixed]))
 
     def events(self, counts: Callable[[], dict[str, int]], harmless: Sequence[str] = (),
                guards: Callable[[], Sequence[SampleGuard]] = tuple) -> Task:

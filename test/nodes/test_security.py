@@ -21,6 +21,7 @@ from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.nodes.ring_diagnosis import RingDiagnosisNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.nodes.ring_identification import settings_of
+from saddlering_ros.record.topics import LOAD_TOPIC
 from saddlering_ros.ros.diagnostics import OK, sources_status, WARN
 from saddlering_ros.ros.launcher import prepare_middleware
 from saddlering_ros.ros.names import NodeError
@@ -115,9 +116,10 @@ def test_a_parameter_out_of_range_is_refused_also_while_running(value: float) ->
     assert not parameter.refusal(2.0)
 
 
-@pytest.mark.parametrize(('publishers', 'level'), [(0, OK), (1, OK), (2, WARN)])
-def test_two_sources_of_one_topic_are_reported(publishers: int, level: int) -> None:
-    finding = sources_status({'/rig/hydraulic_load': publishers})
+@pytest.mark.parametrize(('publishers', 'unmixed', 'level'), [
+    (0, (), OK), (1, (), OK), (2, (), WARN), (2, (LOAD_TOPIC,), OK)])
+def test_two_sources_of_one_topic_are_reported(publishers: int, unmixed, level: int) -> None:
+    finding = sources_status({LOAD_TOPIC: publishers}, unmixed=unmixed)
     assert finding.level == level
 
 

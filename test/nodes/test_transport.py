@@ -95,6 +95,19 @@ def test_a_reader_killed_costs_its_writers_nothing_and_its_heir_hears(group, hea
         return heard.progress['ring_simulator'].received[0] > 0
 
     wait_until(heir_hears, what='the heir hears')
+    other = Driver(heard)  # silent, as one that was killed seems to be
+
+    def sources(word: str) -> bool:
+        cost(0.05)
+        return word in heard.diagnostics.get('ring_simulator: sources', (0, ''))[1]
+
+    wait_until(lambda: sources('of which one at most sends'), what='no mixture is seen')
+
+    def mixes() -> bool:
+        other.send_load(np.array([stamp]), load[:1])
+        return sources('their samples are mixed')
+
+    wait_until(mixes, what='the mixture is seen')
 
 
 PLAIN_NODE = """
