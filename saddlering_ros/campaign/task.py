@@ -19,7 +19,7 @@ from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.campaign.sessions import base_of, FIT, HOLD_OUT, Session
 from saddlering_ros.errors import ReportError, SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
-from saddlering_ros.progress import OnProgress
+from saddlering_ros.progress import IsCancelled, OnProgress
 from saddlering_ros.rig import default_rig, Rig
 
 BASE = 'base'
@@ -111,7 +111,8 @@ def _own_effects() -> tuple[str, ...]:
     return tuple(sorted(origin.sha256 for origin in origins()))
 
 
-def run(task: SessionTask, on_progress: OnProgress) -> dict[str, Any]:
+def run(task: SessionTask, on_progress: OnProgress,
+        is_cancelled: IsCancelled) -> dict[str, Any]:
     """Judge the session of a task within its memory; a failure is an answer too."""
     try:
         compute = resolve_name(task.compute)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import threading
 import time
 from typing import Any, ClassVar
@@ -17,6 +18,7 @@ from rclpy.task import Future
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.errors import Cancelled, SaddleringError
 from saddlering_ros.files import share_directory
+from saddlering_ros.jobs import requests
 from saddlering_ros.jobs.requests import Answer
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.progress import Progress
@@ -179,10 +181,14 @@ class ActionNode(Node):
         try:
             if not goal_handle.request.bags:
                 raise NodeError('the goal names no bags: give at least one')
-            outcome = self._worker.run(self.request(goal_handle.request), on_progress,
-                                       lambda: bool(reason_to_stop()))
-        except Cancelled:
+            outcome = self._worker.run(
+                self.request(goal_handle.request), on_progress, lambda: bool(reason_to_stop()),
+                lambda progress: 0.0 if self.done else requests.patience(progress))
+        except Cancelled as stopped:
             outcome = CANCELED, reason_to_stop()
+            if isinstance(law := stopped.partial, Answer):
+                words = law.words.removeprefix('cancelled: ')
+                outcome = CANCELED, replace(law, words=f'{outcome[1]}; {words}')
         except SaddleringError as problem:
             outcome = REFUSED, str(problem)
         except Exception as problem:
@@ -194,20 +200,21 @@ class ActionNode(Node):
 
     def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
         self._level, (kind, answer) = OK, outcome
-        result.message = answer.words if kind == DONE else answer
-        if kind == DONE:
+        result.message = answer.words if isinstance(answer, Answer) else answer
+        if isinstance(answer, Answer):
             self.fill(result, answer)
-            result.status = result.SUCCEEDED
-            goal_handle.succeed()
             if (law := answer.parameters) is not None:
                 # The newest offer counts, and the clock of a replay begins again with its bag.
                 result.parameters = parameters_to_message(law, to_time(time.time_ns()))
                 if answer.offered:
                     self._found.publish(result.parameters)
-                else:
+                elif kind == DONE:
                     self.get_logger().warning(
                         'the parameters are not offered to simulators, because the data do not '
                         f'determine {", ".join(law.source.undetermined)}')
+        if kind == DONE:
+            result.status = result.SUCCEEDED
+            goal_handle.succeed()
         elif kind == CANCELED and goal_handle.is_cancel_requested:
             result.status = result.CANCELED
             goal_handle.canceled()

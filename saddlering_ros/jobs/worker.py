@@ -2,12 +2,13 @@
 
     python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
-MODULE has `run(request, on_progress) -> answer`; PRELOADED, if any, the modules that `run` needs.
+MODULE has `run(request, on_progress, is_cancelled) -> answer`, with the protocol of the API;
+PRELOADED, if any, names the modules that `run` needs.
 Values pass by a pipe that only this process and the child it started hold, so that pickles, which
 could carry code, come from our own code alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import contextlib
 import importlib
 from multiprocessing.connection import Connection, Pipe
@@ -16,10 +17,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from typing import Any
 
 from saddlering_ros.errors import Cancelled, SaddleringError
-from saddlering_ros.progress import IsCancelled, OnProgress
+from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.ros.launcher import follow_lifeline, LIFELINE
 
 POLL = 0.02
@@ -30,7 +32,10 @@ NICENESS = 5
 
 DONE, REFUSED, FAILED, CANCELED = 'done', 'refused', 'failed', 'canceled'
 Outcome = tuple[str, Any]
-"""How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with a reason."""
+"""How a job ended: DONE with its answer, CANCELED with that or a reason, else with a reason."""
+
+Patience = Callable[[Progress], float]
+"""Time [s] that a cancel leaves a job after this progress for the answer that is complete."""
 
 
 class Worker:
@@ -62,14 +67,17 @@ class Worker:
             os.close(read_end)
             theirs.close()
 
-    def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled) -> Outcome:
+    def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled,
+            patience: Patience = lambda _: 0.0) -> Outcome:
         """Do one job, with the progress and cancel protocol of the API.
 
         Blocks until the job has ended; call it from a thread. If is_cancelled returns True, the
-        process is killed at once, in the middle of any work, and `Cancelled` is raised.
+        process is killed, in the middle of any work, and `Cancelled` is raised with the answer
+        as `partial` that it gives within `patience`.
         """
         self.start()
         assert self._pipe is not None
+        seconds = 0.0
         try:
             self._pipe.send(request)
             while True:
@@ -78,14 +86,29 @@ class Worker:
                     if kind != 'progress':
                         return kind, value
                     on_progress(value)
+                    seconds = patience(value)
                 if is_cancelled():
-                    self.kill()
-                    raise Cancelled
+                    raise Cancelled(partial=self._stop(seconds))
         except (EOFError, OSError):
             status = self.kill()
             remedy = ', as without free memory: use fewer workers or shorter bags'
             return FAILED, (f'the worker process ended with status {status}'
                             + remedy * (status == -signal.SIGKILL))
+
+    def _stop(self, seconds: float) -> Any:
+        """End the process; the answer that its job gives within `seconds`, or None."""
+        end, answer = time.monotonic() + seconds, None
+        assert self._pipe is not None
+        with contextlib.suppress(EOFError, OSError):
+            if seconds:
+                self._pipe.send(None)
+            while (left := end - time.monotonic()) > 0.0 and self._pipe.poll(left):
+                kind, value = self._pipe.recv()
+                if kind != 'progress':
+                    answer = value if kind in (DONE, CANCELED) else None
+                    break
+        self.kill()
+        return answer
 
     def kill(self) -> int:
         """End the process at once; its exit status."""
@@ -117,7 +140,11 @@ def main() -> None:
         while True:
             request = pipe.recv()
             try:
-                answer = DONE, job.run(request, lambda progress: pipe.send(('progress', progress)))
+                # Whatever comes meanwhile is the wish to stop.
+                answer = DONE, job.run(
+                    request, lambda progress: pipe.send(('progress', progress)), pipe.poll)
+            except Cancelled as stopped:
+                answer = CANCELED, stopped.partial
             except SaddleringError as problem:
                 answer = REFUSED, ' '.join(str(problem).split())
             except Exception as problem:

@@ -52,11 +52,18 @@ def test_a_report_names_its_step_in_words():
     assert Progress('identify', 'refinement', 0.5).words == 'refinement'
 
 
-def test_a_worker_that_is_cancelled_raises_as_the_api_does(paths):
-    worker = Worker('saddlering_ros.jobs.requests')
+def test_a_worker_that_is_cancelled_raises_as_the_api_does_with_the_law_that_is_complete(paths):
+    worker, told = Worker('saddlering_ros.jobs.requests'), list[str]()
+    request = IdentificationRequest(paths, (), RIG, QUICK)
     try:
-        with pytest.raises(Cancelled):
-            worker.run(IdentificationRequest(paths, (), RIG, QUICK), lambda _: None, lambda: True)
+        with pytest.raises(Cancelled) as late:
+            worker.run(request, lambda progress: told.append(progress.task),
+                       lambda: 'validate' in told, identification_job.patience)
+        assert late.value.partial.parameters.contact.K1 > 0.0
+        assert not late.value.partial.offered
+        with pytest.raises(Cancelled) as early:
+            worker.run(request, lambda _: None, lambda: True, identification_job.patience)
+        assert early.value.partial is None
     finally:
         worker.close()
 
