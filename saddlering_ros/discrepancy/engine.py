@@ -310,7 +310,7 @@ def _beside_error(strict: Answer) -> Answer:
     search = selection.search_beside_error(strict.search)
     answers: dict[results.Verdict, Answer] = {}
     dropped: list[Array] = []
-    most_dropped = 0.0
+    powers: dict[str, float] = {}
     while search.fit.candidate.effects:
         space, fit = search.space, search.fit
         before, after = _residual_of(space, space.base), _residual_of(space, fit)
@@ -325,7 +325,7 @@ def _beside_error(strict: Answer) -> Answer:
                 replace(cause, another_law=narrow.get(cause.effect))
                 for cause in published.causes))
             doubts, taken = established.doubts_beside_error(
-                strict.search, search, published, most_dropped)
+                strict.search, search, published, powers)
             answer = _answer_beside(
                 noise_alone, strict.before, search, published,
                 doubts or [wording.REST_IS_ERROR, *bent], taken, is_established=not doubts)
@@ -335,7 +335,7 @@ def _beside_error(strict: Answer) -> Answer:
             if len(causes) == 1:
                 break
             weak = min(published.causes, key=lambda cause: cause.visible).effect
-        most_dropped = max(most_dropped, published.power_of(causes[weak]))
+        powers[weak] = published.power_of(causes[weak])
         search = selection.learnt_without(noise_alone, search, weak, dropped)
     return answers.get('ambiguous') or answers.get('unknown') or strict
 

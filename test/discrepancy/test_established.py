@@ -424,7 +424,15 @@ def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(sizes, runs
         assert float(size.split()[0]) == pytest.approx(0.3, abs=0.01)
         assert abs(float(elsewhere.split()[0])) < 1.0
         assert ' % of it elsewhere): something changed between the runs' in elsewhere
+        assert 'bounds' not in words
         assert answer.verdict == 'unknown'
+
+
+def test_a_size_of_some_runs_beyond_its_bounds_is_told_as_such() -> None:
+    """Gravity by the sine of an angle, between -1 and 3, had 'size 11.68' in two runs."""
+    words = wording.some_runs_words(
+        'Gravity', ['b', 'c'], Parameter(-1, 3), (11.68, 0.17), (0.25, 0.01))
+    assert '(size 11.68 ± 0.17 there, to first order, beyond its bounds, 25' in words
 
 
 @pytest.mark.parametrize('is_told', [True, False])

@@ -470,7 +470,7 @@ def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(offset, is_refus
         model_of(30.0, friction=0.02), model_of(20.0, offset=offset), model_of(0.0)])
     shares = of_gamma(0.9)
     assert doubts_about('friction', among, shares, friction=shares) == (
-        [wording.AS_LARGE] if is_refused else [])
+        [wording.AS_LARGE.format('offset')] if is_refused else [])
 
 
 @pytest.mark.parametrize(('error', 'share', 'is_refused'), [
@@ -483,7 +483,7 @@ def test_no_cause_is_main_beside_a_small_error_of_half_its_power(error, share, i
         model_of(55.0, friction=0.02), model_of(20.0, elevation=error), model_of(0.0)])
     shares = of_gamma(0.9)
     doubts = doubts_about('friction', among, shares, friction=shares, elevation=of_gamma(share))
-    assert doubts == ([wording.AS_LARGE] if is_refused else [])
+    assert doubts == ([wording.AS_LARGE.format('elevation')] if is_refused else [])
 
 
 @pytest.mark.parametrize(('visible', 'taken', 'elsewhere', 'is_refused'), [

@@ -240,10 +240,10 @@ def uncertainties_of(cause: Cause, title: str, is_present: bool) -> list[str]:
 
 
 def doubts_beside_error(alone: Search, search: Search, published: Publication,
-                        most_dropped: float) -> tuple[list[str], float]:
+                        left_out: Mapping[str, float]) -> tuple[list[str], float]:
     """Reasons why causes beside model error are not established, and what these take.
 
-    alone: the search without learnt model error; most_dropped: largest power of a cause left out.
+    alone: the search without learnt model error; left_out: the power of each cause left out.
     The share of the misfit's power that the causes take is 0 if their law is another one,
     whatever it takes.
     """
@@ -260,8 +260,8 @@ def doubts_beside_error(alone: Search, search: Search, published: Publication,
     # The published size may be at a bound where that beside model error is not.
     doubts += [one for one in publishing.causes_at_bounds(space.problem, published.fits.after)
                if one not in doubts]
-    if most_dropped > MAINLY * published.power_of(main):
-        doubts.append(wording.AS_LARGE)
+    doubts += _as_large(space, [name for name, power in left_out.items()
+                                if power > MAINLY * published.power_of(main)])
     return doubts, 0.0 if narrow else published.shares.best
 
 
@@ -402,10 +402,16 @@ def doubts_among(among: Among, name: str,
         doubts.append(wording.ONE_VIEW.format(title, view))
     if taken.best < required:
         doubts.append(wording.weak_words(title, taken, required))
-    if any(_is_as_large(among, published, other, name)
-           for other in among.best.visible if other != name):
-        doubts.append(wording.AS_LARGE)
+    doubts += _as_large(among.space, [
+        other for other in among.best.visible
+        if other != name and _is_as_large(among, published, other, name)])
     return doubts, {} if doubts else group
+
+
+def _as_large(space: spaces.ModelSpace, names: Sequence[str]) -> list[str]:
+    """A sentence on effects that are as large and have no name, if there are any."""
+    titles = [space.problem.titles[name] for name in names]
+    return [wording.AS_LARGE.format(wording.joined(titles))] if titles else []
 
 
 def _is_as_large(among: Among, published: Publication, other: str, main: str) -> bool:

@@ -187,7 +187,7 @@ def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, str] | No
                 found = effect.id, wording.some_runs_words(
                     space.title_at(effect, variant),
                     [problem.runs[run].name for run in parts.shown[present]],
-                    (effect.neutral + common * mean, abs(common) * std), effect.size.unit,
+                    effect.size, (effect.neutral + common * mean, abs(common) * std),
                     (left / mean, error / abs(mean)))
     return found
 

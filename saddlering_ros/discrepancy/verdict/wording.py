@@ -319,8 +319,7 @@ ONE_VIEW = ('{} in {} alone explains the misfit nearly as well, so that what the
 UNEVEN_RUN = '{} keeps {} of range in {}, more than twice what each other run keeps'
 NO_SMALL_ERRORS = ('the residual is larger than small errors of all effects in the catalogue '
                    'could be')
-AS_LARGE = ('another cause, which is not established, has a large effect too: which of them is '
-            'the main cause is open')
+AS_LARGE = 'large too, but not established: {}; which of the causes is the main one is open'
 BY_CHANCE = 'an error as large as the one that remains could imitate a cause by chance'
 THREE_EFFECTS = 'three effects act in one channel: three effects together can fit any misfit'
 CROWDED = ('{} effects were needed for one channel: so many effects can fit any misfit, and none '
@@ -395,11 +394,14 @@ def worse_prediction_words(title: str, rise: float, how: str) -> OfPrediction:
         f'the misfit there rises by {percent(rise)}')
 
 
-def some_runs_words(title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
-                    elsewhere: tuple[float, float]) -> str:
+def some_runs_words(title: str, runs: Sequence[str], parameter: Parameter,
+                    size: tuple[float, float], elsewhere: tuple[float, float]) -> str:
     """size: in these runs; elsewhere: share of it in the others; both with deviation."""
-    there = quantities.signed_percent(*size) if unit == '1' else quantity(size[0], unit, size[1])
+    there = (quantities.signed_percent(*size) if parameter.unit == '1'
+             else quantity(size[0], parameter.unit, size[1]))
+    is_allowed = parameter.low <= size[0] <= parameter.high
     return (f'{title} acts in {joined(runs)} only (size {there} there, '
+            f'{"" if is_allowed else "to first order, beyond its bounds, "}'
             f'{quantities.signed_percent(*elsewhere, is_signed=False)} of it elsewhere): '
             'something changed between the runs, or the law depends on what differs between them')
 
