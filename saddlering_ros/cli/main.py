@@ -37,10 +37,6 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 """Errors of a full disk, where no file is named: of standard output, or of a scratch file."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SEEN: list[int] = []
-"""Signals by which this process was to end: an import of compiled code turns the exception of one
-into an ImportError of its own."""
-
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
@@ -148,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 os.close(null)
             setattr(sys, name, os.fdopen(number, mode))
     print_any_text()
-    leave_by_exception()
+    given = argparse.Namespace(command='', traceback=False, signals=leave_by_exception())
 
     def parse_and_run(args: argparse.Namespace) -> int:
         parser, commands = build_parser()
@@ -171,44 +167,47 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.check_files(args)
         return commands[args.command][1](args)
 
-    return run_reporting(parse_and_run, argparse.Namespace(command='', traceback=False))
+    return run_reporting(parse_and_run, given)
 
 
-def leave_by_exception() -> None:
+def leave_by_exception() -> list[int]:
     """End the process by an exception, so that everything open is closed, and children end.
 
     Compiled code calls back into Python (to rebuild an object, to find an argument's type, at the
     end of an object) and does not check whether that raised: an exception there ends in a
-    segmentation fault, or is lost. There the signal is put off by some milliseconds.
+    segmentation fault, or is lost. There the signal is put off by some milliseconds. The list gets
+    the signals that came: an import of compiled code turns the exception of one into its own.
     """
+    came: list[int] = []
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        inner = frame
+        while inner is not None:  # whether compiled code waits for one of the frames to return
+            name = inner.f_code.co_name
+            if name in CALLED_BACK or (inner.f_globals.get('__name__'), name) in ENDS_OF_OBJECTS:
+                signal.signal(signal.SIGALRM, lambda _, later: leave(number, later))
+                signal.setitimer(signal.ITIMER_REAL, RETRY)
+                return
+            inner = inner.f_back
+        began = time.monotonic()
+
+        def again(number: int, frame: FrameType | None) -> None:
+            if time.monotonic() - began > LONGEST_CLOSING:
+                leave(number, frame)
+
+        for one in ENDING:
+            if signal.getsignal(one) is leave:
+                signal.signal(one, again)
+        came.append(number)
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + number)
+
     for number in ENDING[1:]:
-        signal.signal(number, _leave)
+        signal.signal(number, leave)
     if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL):
-        signal.signal(signal.SIGINT, _leave)
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    inner = frame
-    while inner is not None:  # whether compiled code waits for one of the frames to return
-        name = inner.f_code.co_name
-        if name in CALLED_BACK or (inner.f_globals.get('__name__'), name) in ENDS_OF_OBJECTS:
-            signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
-            signal.setitimer(signal.ITIMER_REAL, RETRY)
-            return
-        inner = inner.f_back
-    began = time.monotonic()
-
-    def again(number: int, frame: FrameType | None) -> None:
-        if time.monotonic() - began > LONGEST_CLOSING:
-            _leave(number, frame)
-
-    for one in ENDING:
-        if signal.getsignal(one) is _leave:
-            signal.signal(one, again)
-    SEEN.append(number)
-    if number == signal.SIGINT:
-        raise KeyboardInterrupt
-    raise SystemExit(128 + number)
+        signal.signal(signal.SIGINT, leave)
+    return came
 
 
 class _Version(argparse.Action):
@@ -225,8 +224,8 @@ class _Version(argparse.Action):
 
 
 def _complain(message: str, status: int, args: argparse.Namespace) -> int:
-    if SEEN and status == OUR_FAILURE:
-        return 128 + SEEN[0]
+    if args.signals and status == OUR_FAILURE:
+        return 128 + int(args.signals[0])
     if args.traceback:
         import traceback
         traceback.print_exc()

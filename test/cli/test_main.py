@@ -18,7 +18,7 @@ from saddlering_ros.errors import SaddleringError
 
 ROOT = Path(__file__).resolve().parents[2]
 
-ARGUMENTS = argparse.Namespace(command='try', traceback=False)
+ARGUMENTS = argparse.Namespace(command='try', traceback=False, signals=[])
 
 
 def raising(error):
@@ -59,18 +59,17 @@ def test_an_error_is_one_line_and_its_status(capsys, error, status, said):
     assert capsys.readouterr() == ('', said and f'saddlering try: {said}\n')
 
 
-def test_a_signal_that_an_import_turns_into_its_own_failure_ends_the_command(capsys, monkeypatch):
+def test_a_signal_that_an_import_turns_into_its_own_failure_ends_the_command(capsys):
     """Ctrl-C in the first half second: "failed: ImportError: initialization failed"."""
-    monkeypatch.setattr(command, 'SEEN', [])
-
-    def run(_args):
-        try:
-            command._leave(signal.SIGTERM, None)
-        except SystemExit:
-            raise ImportError('initialization failed') from None
-
-    assert command.run_reporting(run, ARGUMENTS) == 128 + signal.SIGTERM
+    assert report(ImportError('initialization failed'), signals=[signal.SIGTERM]) == 143
     assert capsys.readouterr() == ('', '')
+
+
+def test_a_signal_leaves_its_number_for_a_failure_that_hides_it():
+    done = ended('came = leave_by_exception()\n'
+                 'try: os.kill(os.getpid(), signal.SIGTERM)\n'
+                 'except SystemExit: os.write(1, str(came).encode())\n')
+    assert (done.stdout, done.returncode) == ('[15]', 0)
 
 
 @pytest.mark.parametrize('words', [
