@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
-from saddlering_ros.identification.uncertainty import distinct_elevations, reason_wide
+from saddlering_ros.identification.uncertainty import distinct_elevations, reason_of_tests
 from saddlering_ros.progress import one_blas_thread, OnProgress, Watch
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
@@ -144,16 +144,12 @@ class Plan:
     def undetermined(self) -> dict[str, str]:
         """Why an identification of these tests would leave a parameter open, by name."""
         elevations = distinct_elevations(math.radians(test.elevation_deg) for test in self.tests)
+        is_static = all(test.kind == 'static' for test in self.tests)
         reasons = {}
         for name, std in self.accuracy.items():
             size = 1.0 if name[0] == 'n' else getattr(self.contact, name)
-            if reason := reason_wide(name, std / size, elevations):
+            if reason := reason_of_tests(name, std / size, elevations, is_static=is_static):
                 reasons[name] = reason
-            elif name[0] == 'n' and elevations < 2:
-                reasons[name] = (f'{name} from one elevation depends on the clearances: add a '
-                                 'test at another elevation')
-            elif name[0] == 'D' and all(test.kind == 'static' for test in self.tests):
-                reasons[name] = f'{name} of static tests alone is no measurement: add a ramp'
         return reasons
 
     @property

@@ -184,6 +184,10 @@ def joint_outline(stiffness: float, exponent: float, entry: Mapping[str, Any]) -
     return np.stack([np.exp(log_stiffness), np.clip(exponent + change, *of_exponent)])
 
 
+STATIC_ALONE = '{} needs a dynamic run: a static reading does not depend on it'
+ONE_ELEVATION = ('{} from one elevation depends on the curvature only{}; add a run at another '
+                 'elevation')
+
 MAX_LEVERAGE, MAX_OVER_MEAN = 0.5, 20.0
 """Leverage of one reading, and its multiple of the mean, beyond which a fit has no linear errors.
 Ten fits of shipped bags, sound or scaled, have 0.06 to 0.23. A simulated ring that the load turns
@@ -208,8 +212,7 @@ def _reasons(space: SearchSpace, best: Refinement, systematic: dict[str, Array],
             reasons[name] = f'{name} would rest on one reading alone; {LONE_READING}'
             continue
         if name not in space.names:
-            reasons[name] = (f'{name} needs a dynamic run: a static reading does not depend on it'
-                             if name[0] == 'D' else f'{name} was held')
+            reasons[name] = STATIC_ALONE.format(name) if name[0] == 'D' else f'{name} was held'
             continue
         if name in stopped:
             reasons[name] = stopped[name]
@@ -283,6 +286,15 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     return f'{name} is known only within {what} (95 %) from these data: {advice}'
 
 
+def reason_of_tests(name: str, std: float, elevations: int, *, is_static: bool) -> str | None:
+    """Why tests leave a parameter of standard deviation `std` (in coordinates) open, or None."""
+    if reason := reason_wide(name, std, elevations):
+        return reason
+    if name[0] == 'n' and elevations < 2:
+        return ONE_ELEVATION.format(name, '')
+    return STATIC_ALONE.format(name) if name[0] == 'D' and is_static else None
+
+
 def reason_open(name: str, deviations: Sequence[float], shift: float, imperfection: str,
                 elevations: int, misfit_advice: str) -> str | None:
     """Why an identified parameter is open; None if it is not.
@@ -305,8 +317,7 @@ def reason_open(name: str, deviations: Sequence[float], shift: float, imperfecti
     if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and tolerable):
         return None
     moved = f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
-    return (f'{name} from one elevation depends on the curvature only: {imperfection} would '
-            f'change it by {moved}; add a run at another elevation')
+    return ONE_ELEVATION.format(name, f': {imperfection} would change it by {moved}')
 
 
 def reasons_at_bounds(stopped: Collection[str]) -> dict[str, str]:

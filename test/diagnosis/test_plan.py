@@ -31,7 +31,7 @@ def test_a_plan_promises_no_parameter_that_identify_would_leave_open(planner):
     """n1 of one elevation was 1.11111 ± 0.00091, and D1 of a static test (3.00 ± 0.40) × 10⁶."""
     alone, both = planner.plan([STATIC]), planner.plan([STATIC, PlannedTest('fast', 0.0)])
     assert set(alone.undetermined) == {'n1', 'n2', 'D1', 'D2'}
-    assert 'add a test at another elevation' in alone.to_json()['parameters']['n1']['reason']
+    assert 'add a run at another elevation' in alone.to_json()['parameters']['n1']['reason']
     assert alone.to_json()['parameters']['K1']['reason'] is None
     assert both.undetermined == {}
 
