@@ -15,6 +15,7 @@ family of such shapes is small, so that a small remainder is significant.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -223,6 +224,10 @@ class LackOfFitTests:
         return np.minimum(problem.view_sizes(shape, view), problem.view_sizes(
             fit.prediction - problem.measured, view)) ** 2
 
+    @cached_property
+    def _families(self) -> 'dict[str, Family]':
+        return shape_families(self._metric.problem.runs, self._metric.problem.assumptions)
+
     def shapes(self, fit: Fit, tangent: Tangent) -> list[ShapeTest]:
         """Every family in every view, the most significant first; p-values count their number."""
         problem, orthogonal, tests = self._metric.problem, orthonormal(tangent.white), []
@@ -231,7 +236,7 @@ class LackOfFitTests:
         # At a bound, a misfit that the parameters could take is left, and no shape holds it.
         beside = residual - tangent.plain @ (parameters @ (orthogonal.T @ fit.whitened))
         both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
-        for coordinate, family in shape_families(problem.runs, problem.assumptions).items():
+        for coordinate, family in self._families.items():
             for view, weights in problem.system.views.items():
                 # The smallest change of channels with 1 in the view.
                 pattern = weights / float(weights @ weights)
