@@ -37,15 +37,11 @@ COMMANDS = (Command(
                default=[], metavar='NAME=VALUE'),
         option('--noise', 'rms noise of the probes in micrometres (default 0.3)',
                type=Within(float, 0.0, 1e4), default=0.3, metavar='UM'),
-        option('--load-noise', 'rms white noise of the load cell (default: 0.02 %% of full scale)',
-               type=Within(float, 0.0, 1e4), metavar='N'),
         option('--gap-scatter', "rms difference of the rollers' gaps in micrometres (default 0.7)",
                type=Within(float, 0.0, 1e4), default=0.7, metavar='UM'),
         option('--stiffness-scatter', "rms difference of the rollers' stiffness (default 2)",
                type=Within(float, 0.0, 1e4), default=2.0, metavar='PERCENT'),
         option('--rate', 'sample rate (default 50 static, 1000 dynamic)', type=float,
-               metavar='HZ'),
-        option('--probe-rate', 'sample rate of the probes (default: that of the load)', type=float,
                metavar='HZ'),
         option('--duration', 'length of a dynamic test at normal speed (default 10)', type=float,
                metavar='S'),
@@ -60,7 +56,6 @@ COMMANDS = (Command(
         option('--lowest', 'load at both ends, in the unit of the rig file (default: its preload)',
                type=float, metavar='LOAD'),
         option('--cycles', 'number of load cycles (default 1)', type=int, default=1),
-        option('--run-name', 'free text for the bag', default=''),
         arguments.OVERWRITE, arguments.json_option()), (
         ('saddlering generate made/friction --test static --elevation 50 '
          '--effect radial_friction=5000', 'a static test with a hidden friction of 5 kN'),
@@ -111,9 +106,7 @@ def _plan(args: argparse.Namespace) -> 'TestPlan':
     from saddlering_ros.virtual_rig.integrator import Scatter
 
     rig, static = load_rig(args.rig), args.test == 'static'
-    load_noise = args.load_noise
-    if load_noise is None:
-        load_noise = experiment.Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
+    load_noise = experiment.Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
     physical = experiment.PhysicalRig(
         rig, _contact(args), math.radians(args.elevation),
         parse_requests(args.effect, args.form, rig),
@@ -131,8 +124,7 @@ def _plan(args: argparse.Namespace) -> 'TestPlan':
     return experiment.TestPlan(
         physical, schedule_of(rig, cycles=args.cycles, **given), args.seed,
         experiment.Instruments(noise=args.noise * 1e-6, load_noise=load_noise), args.rate,
-        args.probe_rate, rig_name=str(args.rig) if args.rig else 'virtual rig',
-        run_name=args.run_name)
+        rig_name=str(args.rig) if args.rig else 'virtual rig')
 
 
 def _contact(args: argparse.Namespace) -> 'ContactParameters':

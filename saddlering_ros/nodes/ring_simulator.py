@@ -42,7 +42,6 @@ class RingSimulatorNode(streaming_node.StreamingNode):
                       'true-to-scale values'),
         NodeParameter('follow_parameters', False, 'use parameters that are offered on '
                       '/ring/parameters (the simulation then restarts)'),
-        NodeParameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
         NodeParameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
         NodeParameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the '
                       'bag, else that of rig/elevation, else 50', low=-10.0, high=90.0,
@@ -61,9 +60,8 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._refused, self._parameters_stamp = '', 0
         self.offer(Trigger, '~/restart', self._on_restart)
         self.offer(Trigger, '~/zero', self._on_zero)
-        if self.settings['follow_zero']:
-            self.create_subscription(ZeroRequest, names.ZERO_REQUEST, self._on_zero_request,
-                                     raw_topics.ZERO_QOS)
+        self.create_subscription(ZeroRequest, names.ZERO_REQUEST, self._on_zero_request,
+                                 raw_topics.ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
         self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
