@@ -119,14 +119,14 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> tuple[dict[str, AnotherLaw], lis
     if len(runs) < 2:
         return {}, []
     every = [slice(None, None, -(-run.time.size // MAX_SAMPLES)) for run in runs]
-    ranges = np.ptp(np.hstack([run.channels for run in runs]), axis=1)[:, None, None]
+    ranges = np.maximum(problem.channel_ranges, 1e-300)[:, None, None]
     stacked = problem.by_run(np.column_stack([
         problem.measured - fit.prediction, fit.prediction, tangent(space.metric, fit).plain,
         space.changes_of(fit),
         error_process(space.metric, fit)[0]]))
     ends = np.cumsum([1, 1, fit.theta_unit.size, len(fit.candidate.effects)])
-    left, seen, slopes, changes, errors = zip(*(
-        np.split(block[:, each] / np.maximum(ranges, 1e-300), ends, axis=2)
+    left, seen, slopes, changes, plain = zip(*(
+        np.split(block[:, each] / ranges, ends, axis=2)
         for block, each in zip(stacked, every, strict=True)), strict=True)
     states = {name: [run[row, :, 0] for run in seen]
               for row, name in enumerate(problem.system.channel_names)}
@@ -134,7 +134,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> tuple[dict[str, AnotherLaw], lis
                    for name in runs[0].inputs if all(name in run.inputs for run in runs)})
     # A missing sample weighs nothing.
     errors = [error if run.present is None else error * run.present[:, each, None]
-              for run, each, error in zip(runs, every, errors, strict=True)]
+              for run, each, error in zip(runs, every, plain, strict=True)]
 
     def in_errors(blocks: Sequence[Array]) -> list[Array]:
         """Columns (1, M, B) of each run in units of the model error."""
@@ -175,7 +175,7 @@ def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> 
     patched: with more causes, which are real if they predict these runs better than such sizes.
     """
     problem, settled = space.problem, len(space.problem.system.base_parameters)
-    ranges = np.ptp(np.hstack([run.channels for run in problem.runs]), axis=1)
+    ranges = problem.channel_ranges
     if len(problem.runs) < 2 or ranges.size < 2:
         return []
     weights, owners = np.zeros((2, problem.size))
