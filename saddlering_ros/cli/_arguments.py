@@ -370,9 +370,11 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
 def finish(args: argparse.Namespace, result: Any) -> int:
     """Print a result as JSON or as summary, then write and list its files; the status.
 
-    It is told first, so that it is not lost if a file cannot be written.
+    It is told first, so that it is not lost if a file cannot be written, and the files before
+    that one are listed.
     """
     is_json_alone, reader_gone = args.json == '-', None
+    written: list[Path] = []
     try:
         if is_json_alone:
             tell_json(args, result.to_json())
@@ -383,16 +385,19 @@ def finish(args: argparse.Namespace, result: Any) -> int:
     if args.json is not None and not is_json_alone:
         tell_json(args, result.to_json())
     plots, out = (getattr(args, name, None) for name in ('plots', 'out'))
-    written = [] if plots is None else result.save_plots(plots)
-    if out is not None:
-        result.save_parameters(out)
-        written.append(out)
-    if args.report is not None:
-        written += result.write_report(args.report, command=args.command_line)
+    try:
+        if plots is not None:
+            written += result.save_plots(plots)
+        if out is not None:
+            result.save_parameters(out)
+            written.append(out)
+        if args.report is not None:
+            written += result.write_report(args.report, command=args.command_line)
+    finally:
+        for path in [] if is_json_alone or reader_gone is not None else written:
+            print(f'written: {path}')
     if reader_gone is not None:
         raise reader_gone
-    for path in [] if is_json_alone else written:
-        print(f'written: {path}')
     return 0
 
 

@@ -221,15 +221,19 @@ def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
 
 
 @pytest.mark.parametrize('place', [None, '-'])
-def test_a_result_is_told_before_a_file_that_cannot_be_written(place, capsys):
+def test_a_result_and_other_files_are_told_if_one_cannot_be_written(place, capsys):
     def full(*_, **__):
         raise SaddleringError('r.html: cannot be written (No space left on device)')
     result = SimpleNamespace(
-        summary=lambda: 'verdict', to_json=lambda: {'verdict': 'none'}, write_report=full)
-    args = argparse.Namespace(json=place, report=Path('r.html'), command_line='')
+        summary=lambda: 'verdict', to_json=lambda: {'verdict': 'none'}, write_report=full,
+        save_parameters=lambda path: None)
+    args = argparse.Namespace(json=place, out=Path('p.yaml'), report=Path('r.html'),
+                              command_line='')
     with pytest.raises(SaddleringError, match='No space left'):
         finish(args, result)
-    assert 'verdict' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert 'verdict' in said
+    assert ('written: p.yaml' in said) == (place is None)
 
 
 @pytest.mark.parametrize('place', [None, '-'])
