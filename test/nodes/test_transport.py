@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
+from typing import Any
 import xml.etree.ElementTree
 
 import numpy as np
@@ -14,9 +16,11 @@ import pytest
 import rclpy
 from rosnet import Driver, wait_until
 
+from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros import launcher
 from saddlering_ros.ros.launcher import NodeGroup, PACKED, PROFILE_VARIABLES, transport_environment
+from saddlering_ros.ros.raw_topics import DEPTH, RawPublisher
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 BURST = 3000
@@ -108,6 +112,28 @@ def test_a_reader_killed_costs_its_writers_nothing_and_its_heir_hears(group, hea
         return sources('their samples are mixed')
 
     wait_until(mixes, what='the mixture is seen')
+
+
+def test_a_backlog_is_sent_in_portions_that_no_queue_loses() -> None:
+    """The zero of a record of 20 kHz releases 10 000 rows: of 64 000, 3 000 were lost."""
+    since_wait, most = 0, 0
+
+    def send(message: bytes) -> None:
+        nonlocal since_wait, most
+        since_wait += 1
+        most = max(most, since_wait)
+
+    def wait(_: object) -> None:
+        nonlocal since_wait
+        since_wait = 0
+
+    publisher = SimpleNamespace(handle=SimpleNamespace(publish_raw=send), wait_for_all_acked=wait)
+    node: Any = SimpleNamespace(create_publisher=lambda *_: publisher,
+                                resolve_topic_name=lambda name: name)
+    flow = RawPublisher(node, '/ring/displacement', RingDisplacement)
+    flow.send([b''] * 12_000, 1)
+    assert flow.published == 12_000
+    assert most <= DEPTH // 2
 
 
 PLAIN_NODE = """
