@@ -180,4 +180,4 @@ def test_a_refusal_says_what_to_type(words, hint, capsys, monkeypatch):
 
 def test_a_plan_needs_no_folder_for_results(capsys):
     assert command.main(['campaign', str(ROOT / 'bags'), '--plan']) == 0
-    assert 'sessions of' in capsys.readouterr().out
+    assert '1 session of 1 ring, 5 bags' in capsys.readouterr().out

@@ -147,7 +147,7 @@ def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
 
     monkeypatch.setattr('saddlering_ros.record.residual.simulate_in_blocks', stumbling)
     assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
-    assert 'did not converge in 1 steps' in capsys.readouterr().out
+    assert 'did not converge in 1 step,' in capsys.readouterr().out
     assert 'nan' not in out.read_text()
 
 
