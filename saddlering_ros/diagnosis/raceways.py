@@ -80,7 +80,10 @@ def waves_beside(system: RingSystem, runs: Sequence[RunBlocks], even: Diagnosis,
     """
     (law, nothing), (law_beside, causes) = (
         system.candidate(fit.point) for fit in (even.fits.before, even.fits.after))
-    others = _without_gaps(causes)
+    # Without what the causes change at the gaps of rollers, as waves do.
+    upper, lower, radial = (RowGeometry(stiffness=row.stiffness) for row in (
+        causes.upper_row, causes.lower_row, causes.radial_row))
+    others = replace(causes, upper_row=upper, lower_row=lower, radial_row=radial)
     left = _Session(system, runs).largest_misfit((law_beside, causes))
     if even.verdict != 'unknown' and left <= (NO_WAVES if others == causes else LEFT_BY_GAPS):
         return None
@@ -91,13 +94,6 @@ def waves_beside(system: RingSystem, runs: Sequence[RunBlocks], even: Diagnosis,
             return (replace(system, raceways=session.raceways_at(point),
                             directions=session.directions(point)), session.candidate(point)[0])
     return None
-
-
-def _without_gaps(causes: RingExtension) -> RingExtension:
-    """The causes without what they change at the gaps of rollers, as waves do."""
-    upper, lower, radial = (RowGeometry(stiffness=row.stiffness) for row in (
-        causes.upper_row, causes.lower_row, causes.radial_row))
-    return replace(causes, upper_row=upper, lower_row=lower, radial_row=radial)
 
 
 def explained_by_waves(
