@@ -161,10 +161,8 @@ def test_small_errors_of_the_rig_do_not_bend_the_law_beside_them():
     assert np.abs(beside).max() < 2.5
 
 
-@pytest.mark.parametrize('cause', [
-    {'moment_arm': {'offset': 0.1}}, {'load_offset': {'offset': 1500.0}}])
-def test_no_law_beside_errors_is_stated_where_they_do_not_explain_the_misfit(cause):
-    found = identify(runs_with(cause), RIG, SHORT)
+def test_no_law_beside_errors_is_stated_where_they_do_not_explain_the_misfit():
+    found = identify(runs_with({'load_offset': {'offset': 1500.0}}), RIG, SHORT)
     assert found.waves.rms > 0.0
     assert found.beside_errors is None
     assert 'no law within the bounds explains the misfit' in found.status
