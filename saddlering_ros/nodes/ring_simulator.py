@@ -16,7 +16,13 @@ from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AF
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC
-from saddlering_ros.rig import parameter_file, ParameterSet, ParameterSource, TRUE_TO_SCALE
+from saddlering_ros.rig import (
+    beyond_bounds,
+    parameter_file,
+    ParameterSet,
+    ParameterSource,
+    TRUE_TO_SCALE,
+)
 from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_state, streaming_node
 from saddlering_ros.ros import parameters as node_parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
@@ -64,6 +70,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
                                  raw_topics.ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
+        self._doubtful = ''
         self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
         self._in_force_message = RingParameters()
         self._expected: ExpectedMotion | None = None
@@ -159,6 +166,10 @@ class RingSimulatorNode(streaming_node.StreamingNode):
             self._rig, parameters, self._elevation, max_step=self.settings['max_step'],
             max_gap=self.settings['max_gap'])
         self._stream.hold = hold
+        told, self._doubtful = self._doubtful, beyond_bounds(
+            parameters.contact, self._rig.bounds)
+        if self._doubtful not in ('', told):
+            self.get_logger().warning(self._doubtful)
 
     def _tell_in_force(self) -> None:
         """Publish the parameters in use on /ring/parameters, latched for late joiners."""
@@ -310,6 +321,8 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         figures['elevation [deg]'] = f'{math.degrees(self._elevation):.3f}'
         if self._refused:
             return TaskStatus(WARN, f'refused: {self._refused}', figures)
+        if self._doubtful:
+            return TaskStatus(WARN, self._doubtful, figures)
         return TaskStatus(OK, message.source, figures)
 
 

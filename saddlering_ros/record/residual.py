@@ -15,7 +15,7 @@ from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig
+from saddlering_ros.rig import beyond_bounds, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.rig.geometry import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ring.simulator import RingSimulator, simulate_in_blocks, SimulationError
 
@@ -401,6 +401,8 @@ def simulated_stretches(
     if open_names := ', '.join(parameters.source.undetermined):
         notes.append(f'the data of the parameters do not determine {open_names}: where this '
                      'motion depends on them, it may be wrong')
+    if doubtful := beyond_bounds(parameters.contact, rig.bounds):
+        notes.append(doubtful)
     of_run = stretches()
     zero, first = next(of_run)
     return chain([first], (batch for _, batch in of_run)), zero

@@ -1,6 +1,13 @@
 """The description of a rig: geometry, loads, probes, contact parameters, and their files."""
 
-from saddlering_ros.rig.description import default_rig, load_rig, Rig, RollerRow, short_digest
+from saddlering_ros.rig.description import (
+    beyond_bounds,
+    default_rig,
+    load_rig,
+    Rig,
+    RollerRow,
+    short_digest,
+)
 from saddlering_ros.rig.geometry import CHANNELS, Displacement, MOTION, probes_to_displacement
 from saddlering_ros.rig.instruments import Instruments
 from saddlering_ros.rig.parameter_file import (
@@ -20,5 +27,5 @@ __all__ = [
     'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'MOTION', 'PARAMETER_NAMES',
     'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'ContactParameters', 'Displacement',
     'Instruments', 'ParameterSet', 'ParameterSource', 'Rig', 'RigError', 'RollerRow',
-    'default_rig', 'load_rig', 'probes_to_displacement', 'read_parameters', 'short_digest',
-    'write_parameters']
+    'beyond_bounds', 'default_rig', 'load_rig', 'probes_to_displacement', 'read_parameters',
+    'short_digest', 'write_parameters']

@@ -13,10 +13,16 @@ from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.plain_yaml import is_number
-from saddlering_ros.quantities import compact
+from saddlering_ros.quantities import compact, quantity
 from saddlering_ros.rig import parameter_file, units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
-from saddlering_ros.rig.parameter_file import check_sections, EXPONENTS, RigError
+from saddlering_ros.rig.parameter_file import (
+    check_sections,
+    ContactParameters,
+    EXPONENTS,
+    PARAMETER_UNITS,
+    RigError,
+)
 from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
 
@@ -249,6 +255,24 @@ def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
             raise RigError(f'{where}: bounds.{name} is [{low:g}, {high:g}]: '
                            f'give [low, high] from {EXPONENTS[0]:g} to {EXPONENTS[1]:g}')
     return dict(bounds)
+
+
+def beyond_bounds(contact: ContactParameters, bounds: Mapping[str, Pair]) -> str:
+    """A note on contact parameters outside of the bounds of a rig file, and their likely unit."""
+    words = []
+    for name, value in vars(contact).items():
+        low, high = bounds[name]
+        if 0.99 * low <= value <= 1.01 * high:  # identification may end at a bound
+            continue
+        per_mm = {'K': 1e3**contact.n1 if name == 'K1' else 1e3**contact.n2, 'D': 1e3}
+        in_metres = value * per_mm.get(name[0], 0.0)
+        unit = PARAMETER_UNITS[name]
+        looks = (f', and looks like {unit.replace("/m", "/mm")}' if low <= in_metres <= high
+                 else '')
+        words.append(f'contact.{name} is {quantity(value, unit)}{looks}')
+    return '' if not words else (
+        f'{"; ".join(words)}: outside of the bounds of the rig file, which are in SI units: '
+        'correct the parameters, or bounds of the rig file')
 
 
 def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:

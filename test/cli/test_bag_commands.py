@@ -1,5 +1,6 @@
 """What `saddlering info`, `displacement` and `simulate` promise at the command line."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
+from saddlering_ros.rig.units import stiffnesses_per_millimetre
 from saddlering_ros.ring.simulator import RingSimulator, simulate
 
 EPOCH = 1_700_000_000_000_000_000
@@ -70,6 +72,18 @@ def test_a_simulation_states_parameters_that_their_data_leave_open(bag, tmp_path
     assert main([command, str(bag), '--params', str(path)]) == 0
     out = ' '.join(capsys.readouterr().out.split())
     assert 'note: the data of the parameters do not determine D1, D2: where' in out
+    assert 'outside of the bounds' not in out
+
+
+def test_parameters_in_units_of_adams_are_noted(bag, tmp_path, capsys):
+    """Stiffnesses in N/mm^n gave millimetres of motion without a word."""
+    path, law = tmp_path / 'p.yaml', TRUE_TO_SCALE
+    write_parameters(path, ParameterSet(replace(
+        law, K1=stiffnesses_per_millimetre(vars(law))['K1'], D2=1e-3 * law.D2)))
+    assert main(['simulate', str(bag), '--params', str(path)]) == 0
+    out = ' '.join(capsys.readouterr().out.split())
+    assert 'contact.K1 is 6.00 × 10⁴ N/m^n, and looks like N/mm^n; contact.D2 is 3000 N s/m, ' \
+        'and looks like N s/mm: outside of the bounds of the rig file' in out
 
 
 def test_displacement_writes_what_the_probes_measured_to_the_last_bit(bag, tmp_path, capsys):
