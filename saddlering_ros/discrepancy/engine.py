@@ -190,10 +190,15 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
     elif answer.verdict == 'unknown' and (run := parts.odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
+    changed: list[str] = []
+    if answer.verdict == 'named' and strict.space.problem.assumptions.exact_laws:
+        changed, is_doubt = parts.changed_sizes(
+            answer.search.space, answer.published, answer.remainder)
+        answer = answer.doubted(changed) if is_doubt else answer.noted(*changed)
     if answer.verdict == 'unknown':  # Learnt model error takes what a bound leaves.
         answer = answer.noted(*publishing.base_at_bounds(strict.space.problem, strict.fit))
     return answer, stability, answer.verdict == 'unknown' and bool(
-        unshared or is_better or established.other_laws(answer.search))
+        unshared or changed or is_better or established.other_laws(answer.search))
 
 
 def _causes_of(answer: Answer, steady: Sequence[results.Cause], *,
