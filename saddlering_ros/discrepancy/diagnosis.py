@@ -1,7 +1,6 @@
 """`diagnose` and `check` for a declared model of any machine."""
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 import time as clock
 import timeit
@@ -11,26 +10,23 @@ import numpy as np
 from scipy.special import binom
 
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.noise import (
-    is_correlated,
-    MAX_CHANCE,
-    noise_sentence,
-    ONE_RELAXATION,
-    wrong_level,
-)
+from saddlering_ros.discrepancy.noise import MAX_CHANCE
 from saddlering_ros.discrepancy.problem import fits
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks, Settings
-from saddlering_ros.discrepancy.search.lack_of_fit import is_noise_alone
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict import results, wording
-from saddlering_ros.estimation import record_noise
+from saddlering_ros.discrepancy.verdict.noise_doubts import (
+    unestablished,
+    with_noise_doubts,
+    with_slow_noise,
+)
 from saddlering_ros.estimation.process import fisher_chance
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import compact, percent, quantity
+from saddlering_ros.quantities import compact, percent
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact. Its
@@ -114,10 +110,10 @@ def problem_of(
 
 def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
-    diagnosis = _with_slow_noise(_with_noise_doubts(diagnosis, system), system)
+    diagnosis = with_slow_noise(with_noise_doubts(diagnosis, system), system)
     few, has_code = _few_samples(diagnosis)
     if has_code and diagnosis.verdict != 'unknown':
-        diagnosis = _unestablished(diagnosis)
+        diagnosis = unestablished(diagnosis)
     errors = {name: channel.model_error for name, channel in system.model.channels.items()}
     largest: dict[str, results.Remainder] = {}
     for rest in diagnosis.remainder:
@@ -285,101 +281,6 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
                     percent(share)))
     return [*found.values()], has_code
-
-
-OPEN = {'none': 0.5, 'unknown': 0.5}
-"""Probabilities of a misfit that is smaller than declared noise and is no noise itself: nothing is
-known of how often a cause hides there."""
-
-
-def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
-    """The same with a warning, and without a name, if the misfit does not agree with the noise.
-
-    Noise that is declared too large can hide a cause, or what a wrong law leaves. `none` stays
-    where the misfit is noise of a smaller size, or too small to matter. Where a model error is
-    declared, a residual far below it is what the declaration says, and one below it is nothing.
-    Noise that is learnt holds a part of the misfit of a cause, so that it is far above what a
-    right cause leaves.
-    """
-    metric, fit = diagnosis.fits.metric.with_offsets(), diagnosis.fits.after
-    problem = metric.problem
-    allowed = problem.assumptions.allowed_error or (0.0,) * len(problem.channel_ranges)
-    residual = fit.prediction - problem.measured
-    white = metric.whiten(residual)
-    rounding = (systems.JITTER * float(problem.channel_ranges.max())) ** 2
-    under, over, not_noise = [], [], []
-    small: dict[str, tuple[float, str]] = {}
-    for index, channel, part in problem.slices:
-        run, name = problem.runs[index], problem.system.channel_names[channel]
-        there = slice(None) if run.present is None else run.present[channel]
-        left = residual[part][there]
-        statistic = float(white[part] @ white[part])
-        # Of the fitted parameters, a run may take up all, or none beside many other runs.
-        free = float(np.clip(
-            statistic, max(left.size - fit.theta_unit.size - 1, 1), left.size))
-        noise = metric.noise[run.name, channel]
-        # Noise that is only the rounding in every metric is not declared too large.
-        has_noise = float(noise.variances(run.width).max()) > rounding
-        is_learnt = system.model.channels[name].noise.learns_from_residuals
-        side, where = wrong_level(statistic, free, noise.pairs), f'{name} in {run.name}'
-        if side == 'over' and has_noise and not is_learnt and not allowed[channel]:
-            over.append(noise_sentence(side, statistic, free, where))
-            size = float(np.mean(left**2)) ** 0.5 / problem.view_ranges[name]
-            if size >= MODEL_SETTINGS.materiality and is_correlated(white[part][there]):
-                not_noise.append(where)
-        beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
-        least = max(MODEL_SETTINGS.materiality, allowed[channel])
-        share = beyond**0.5 / problem.view_ranges[name]
-        if side == 'under' and share >= least:
-            under.append(noise_sentence(side, statistic, free, where))
-        elif side == 'under' and not (is_learnt or allowed[channel]):
-            ratio = (statistic / free) ** 0.5
-            small[name] = max(small.get(name, (0.0, '')), (ratio, wording.BEYOND_NOISE.format(
-                name, run.name, ratio, percent(share))))
-    if diagnosis.verdict == 'unknown' or diagnosis.remainder:
-        under, small = [], {}  # The warning on a remaining misfit is given already.
-    doubts = [] if diagnosis.verdict == 'unknown' or not over else [
-        wording.WRONG_LAW_HIDES] if diagnosis.causes else [
-        wording.NOT_NOISE.format(where) for where in not_noise[:1]]
-    told = replace(diagnosis, warnings=(
-        *over, *under, *(sentence for _, sentence in small.values()), *doubts,
-        *diagnosis.warnings))
-    return _unestablished(told, is_more=bool(under)) if under or doubts else told
-
-
-def _with_slow_noise(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
-    """The same with a warning if a misfit shows nothing but what slow noise would show.
-
-    Noise is learnt from the fast part of a residual, and is assumed to have a flat spectrum below.
-    Slower noise then looks like a cause that no catalogue holds.
-    """
-    learnt = {name: channel for name, channel in system.model.channels.items()
-              if channel.noise.learns_from_residuals}
-    if diagnosis.verdict != 'unknown' or not learnt:
-        return diagnosis
-    slower = copy(system)
-    slower.model = replace(system.model, channels={**system.model.channels, **{
-        name: replace(channel, noise=ONE_RELAXATION) for name, channel in learnt.items()}})
-    problem, base = diagnosis.fits.metric.problem, diagnosis.fits.before
-    metric = noise_metric(replace(problem, assumptions=slower.assumptions()), base.prediction)
-    times = {name: [float(metric.sensors[run.name, number].time_constants.max(initial=0.0))
-                    for run in problem.runs]
-             for number, name in enumerate(system.channel_names) if name in learnt}
-    longest = [record_noise.longest_relaxation(float(np.ptp(run.time))) for run in problem.runs]
-    is_drift = any(np.greater_equal(each, longest).any() for each in times.values())
-    if is_drift or not is_noise_alone(metric.with_offsets(), base):
-        return diagnosis
-    words = wording.joined([f'{quantity(max(each), problem.time_unit, digits=2)} in {name}'
-                            for name, each in times.items()])
-    chances = diagnosis.probabilities if diagnosis.causes else OPEN
-    return replace(diagnosis, probabilities=chances, warnings=(
-        wording.SLOW_NOISE.format(words), *diagnosis.warnings))
-
-
-def _unestablished(diagnosis: results.Diagnosis, *, is_more: bool = False) -> results.Diagnosis:
-    """The same without a name; is_more: whether the misfit is surely more than the noise."""
-    doubted = diagnosis.in_doubt()
-    return doubted if doubted.causes or is_more else replace(doubted, probabilities=OPEN)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

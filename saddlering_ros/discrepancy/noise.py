@@ -110,12 +110,23 @@ class Noise:
             white, solved[1:], 0.0, KNOWN_EXACTLY, constants)))
 
     @staticmethod
-    def unknown() -> Noise:
-        """Noise learnt from the remainder of a flexible fit of the residuals (the default)."""
-        return Noise(lambda records: {
-            record.run: record_noise.noise_of_residuals(record) for record in records},
-            learns_from_residuals=True)
+    def unknown(walk: float = 0.0) -> Noise:
+        """Noise learnt from the remainder of a flexible fit of the residuals (the default).
 
+        walk: standard deviation by which a sensor wanders beside it in one unit of time, as a
+        random walk [the channel's unit over the root of the unit of time].
+        """
+        if not (isinstance(walk, (int, float, np.number)) and 0.0 <= walk < np.inf):
+            raise DiscrepancyError(f'noise: walk is {walk}: give a number, 0 for no random walk')
+        return Noise(lambda records: {
+            record.run: record_noise.noise_of_residuals(record, float(walk))
+            for record in records}, learns_from_residuals=True)
+
+
+WANDERING = Noise(lambda records: {
+    record.run: record_noise.noise_of_residuals(record, record_noise.walk_of(record))
+    for record in records}, learns_from_residuals=True)
+"""Noise as unknown, and the random walk of greatest likelihood, its last relaxation."""
 
 ONE_RELAXATION = Noise(lambda records: {
     record.run: record_noise.relaxation_of(record) for record in records},

@@ -166,15 +166,31 @@ def continued(noise: ChannelNoise, seen: float, duration: float) -> ChannelNoise
     return noise.with_relaxations(np.full(longer.size, slowest), longer)
 
 
-def noise_of_residuals(record: ChannelRecord) -> ChannelNoise:
+def noise_of_residuals(record: ChannelRecord, walk: float = 0.0) -> ChannelNoise:
     """Noise of one channel of one run, from the fast part of its residual.
 
-    Missing samples are interpolated for the flexible fit and left out of the statistics.
+    Missing samples are interpolated for the flexible fit and left out of the statistics. walk: of
+    a random walk beside it, which is known [unit over the root of the unit of time].
     """
     values, waves = _fast_values(record)
-    noise = _noise_of_fast_values(record, values, waves)
+    wander = None if walk == 0.0 else _relaxing(0.5 * walk**2 * record.duration, record.duration)
+    noise = _noise_of_fast_values(record, values, waves, wander)
     # Below the fast part the level is as uncertain as at the slowest waves of the fast part.
-    return replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
+    noise = replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
+    return noise if wander is None else noise.with_relaxations(wander.slow, wander.time_constants)
+
+
+def _relaxing(variance: float, time_constant: float) -> ChannelNoise:
+    """One relaxation; as long as a record, it is a random walk there."""
+    return ChannelNoise(0.0, np.array([variance]), 0.0, 1, np.array([time_constant]))
+
+
+def walk_of(record: ChannelRecord) -> float:
+    """The random walk in white noise, relaxations and a walk that fit a whole residual best."""
+    fast = relaxation_grid(record.step, 0.5 * record.duration / SLOW_WAVES)
+    found = _likeliest(
+        _whole_spectrum(record), np.append(fast, record.duration), record.step)
+    return float((2.0 * found.slow[-1] / record.duration) ** 0.5)
 
 
 def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
@@ -253,33 +269,47 @@ def relaxation_of(record: ChannelRecord) -> ChannelNoise:
 
     The relaxation has the time constant of greatest likelihood, up to `longest_relaxation`.
     """
-    there, step = np.isfinite(record.values), record.step
-    spectrum = _spectrum_above(record.values - record.values[there].mean(), 0, MAX_BINS)
-
-    def unlikelihood(noise: ChannelNoise) -> float:
-        expected = _expected_power(noise, spectrum.frequency, step)
-        return float(spectrum.lines @ (np.log(expected) + spectrum.power / expected))
+    step, spectrum = record.step, _whole_spectrum(record)
 
     constants = np.geomspace(
-        step, max(longest_relaxation(record.duration), step), RELAXATIONS_TRIED)
-    best = min((_likeliest(spectrum, constants[number:number + 1], step)
-                for number in range(RELAXATIONS_TRIED)), key=unlikelihood)
-    return _with_degrees(best, step, [int(there.sum())])
+        step, max(longest_relaxation(record.duration), step), RELAXATIONS_TRIED)[:, None]
+    parts, expected = _mixtures(spectrum, constants, step)
+    best = int(np.argmin((np.log(expected) + spectrum.power / expected) @ spectrum.lines))
+    noise = _with_white(spectrum, parts[best], constants[best], step)
+    return _with_degrees(noise, step, [int(np.isfinite(record.values).sum())])
+
+
+def _whole_spectrum(record: ChannelRecord) -> '_Spectrum':
+    """Spectrum of a residual less its mean."""
+    return _spectrum_above(record.values - np.nanmean(record.values), 0, MAX_BINS)
 
 
 def _likeliest(spectrum: '_Spectrum', constants: Array, step: float,
                expected: Array | float = 0.0) -> ChannelNoise:
     """White noise and relaxations (T,) of greatest likelihood beside `expected` (F,)."""
-    columns = _spectral_columns(spectrum.frequency, constants, step)
-    unit = columns.mean(axis=0)
-    columns = columns / unit
+    parts, _ = _mixtures(spectrum, constants[None], step, expected)
+    return _with_white(spectrum, parts[0], constants, step)
+
+
+def _mixtures(spectrum: '_Spectrum', constants: Array, step: float,
+              expected: Array | float = 0.0) -> tuple[Array, Array]:
+    """Likeliest parts (S, 1 + T) with each of S sets of relaxations (S, T), and powers (S, F)."""
+    columns = np.array([_spectral_columns(spectrum.frequency, own, step) for own in constants])
+    unit = columns.mean(axis=1)
+    columns = columns / unit[:, None, :]
     excess = np.maximum(spectrum.power - expected, 0.0).mean()
-    weights = np.full(unit.size, max(float(excess), np.finfo(float).tiny) / unit.size)
+    weights = np.full(unit.shape, max(float(excess), np.finfo(float).tiny) / unit.shape[1])
     for _ in range(ROUNDS):
-        total = columns @ weights + expected
-        pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
-        weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
-    parts = weights / unit
+        total = (columns @ weights[:, :, None])[:, :, 0] + expected
+        pull, push = (np.squeeze(one[:, None, :] @ columns, 1) for one in (
+            spectrum.lines * spectrum.power / total**2, spectrum.lines / total))
+        weights = weights * np.sqrt(pull / push)
+    return weights / unit, (columns @ weights[:, :, None])[:, :, 0] + expected
+
+
+def _with_white(spectrum: '_Spectrum', parts: Array, constants: Array,
+                step: float) -> ChannelNoise:
+    """Noise of a white part and relaxations (1 + T,), the white part above rounding."""
     white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
     return ChannelNoise(white, parts[1:], 0.0, 1, constants)
 

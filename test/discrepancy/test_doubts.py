@@ -175,7 +175,8 @@ def test_a_misfit_under_noise_declared_too_large_that_is_no_noise_is_left_open()
 def test_noise_that_is_learnt_takes_no_name_and_probabilities_follow_the_verdict(
     noise: Noise, verdict: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('saddlering_ros.discrepancy.diagnosis.wrong_level', lambda *_: 'over')
+    monkeypatch.setattr(
+        'saddlering_ros.discrepancy.verdict.noise_doubts.wrong_level', lambda *_: 'over')
     model = replace(MODEL, channels={'seen': Channel(offset='free', noise=noise)})
     found = diagnose(model, [record('a')])
     assert found.verdict == verdict

@@ -9,6 +9,7 @@ from saddlering_ros.discrepancy import (
     Channel,
     diagnose,
     Diagnosis,
+    DiscrepancyError,
     Effect,
     Model,
     Noise,
@@ -88,6 +89,28 @@ def test_slow_noise_that_is_declared_as_the_note_says_is_no_misfit() -> None:
     declared = Channel(unit='mm', offset='free', noise=Noise.spectrum(frequency, density))
     answer = found(1, replace(MODEL, channels={'tip': declared}))
     assert answer.verdict == 'none'
+
+
+def test_noise_that_wanders_is_noted_with_a_declaration_that_makes_it_no_misfit() -> None:
+    """A sound machine was unknown, and no sentence said why."""
+    def wandering(number: int) -> Run:
+        run, random = record(number, 1, tau=1e-9), np.random.default_rng([7, number])
+        walk = 0.2 * np.cumsum(random.normal(0.0, STEP**0.5, TIME.size))
+        return replace(run, outputs={'tip': run.outputs['tip'] + walk})
+
+    runs = [wandering(number) for number in (0, 1, 2)]
+    answer = diagnose(MODEL, runs)
+    assert answer.verdict == 'unknown'
+    [note] = notes(answer)
+    walk = float(note.split('tip: Noise.unknown(walk=')[1].split(')')[0])
+    assert walk == pytest.approx(0.2, rel=0.4)
+    declared = Channel(unit='mm', offset='free', noise=Noise.unknown(walk=walk))
+    assert diagnose(replace(MODEL, channels={'tip': declared}), runs).verdict == 'none'
+
+
+def test_a_walk_that_is_no_number_is_refused() -> None:
+    with pytest.raises(DiscrepancyError, match='walk is -1'):
+        Noise.unknown(walk=-1.0)
 
 
 def test_a_misfit_that_follows_an_input_has_no_such_note() -> None:
