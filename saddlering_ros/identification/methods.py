@@ -36,6 +36,8 @@ from saddlering_ros.identification.uncertainty import (
     assess,
     at_bound,
     MAX_SOUND,
+    MIN_SOUND,
+    TOO_QUIET,
     UNDETERMINED,
     usual_errors,
 )
@@ -243,7 +245,8 @@ def identify(runs: Sequence[Record], rig: Rig, settings: IdentificationSettings 
     has_waves = any(shares.get('raceway_waves', 0.0) > MIN_WAVE_SHARE
                     for shares in found.budget.values())
     is_sound = found.sound_factor <= MAX_SOUND and not has_waves
-    if found.cancelled or is_sound or search.settings.method == 'paper':
+    is_quiet = search.has_dynamic and found.sound_factor < MIN_SOUND
+    if found.cancelled or is_sound or is_quiet or search.settings.method == 'paper':
         return found
     try:
         beside = _beside_errors(search, found)
@@ -467,6 +470,8 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             f'{trust.sound_factor:.2f} times what noise and small errors of a sound ring leave: '
             f'intervals are widened and may be biased ({advice}; it finds none where smooth '
             'errors of the contact law, delays or noise of the load can explain this)')
+    if search.has_dynamic and trust.sound_factor < MIN_SOUND:
+        words.append(TOO_QUIET.format(trust.sound_factor))
     if trust.waves.rms:
         words.append(
             f'raceways that wave by {quantity(trust.waves.rms, "m", digits=2)} (rms) would '

@@ -411,6 +411,20 @@ def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch
     assert wider.std[2] > 3.0 * found.std[2]
 
 
+def test_a_misfit_that_is_less_than_noise_can_leave_is_told(found):
+    """K1 was 9 % too small without a word: the load was averaged over seconds, and so came late.
+
+    The ramps that the probes showed while the load stood still were taken for noise.
+    """
+    static, dynamic = static_run(top=8, seed=1), dynamic_run(seed=2, seconds=4.0)
+    late = replace(static, gaps=np.pad(static.gaps[:, 100:], ((0, 0), (0, 100)), mode='edge'))
+    answer = identify([late, dynamic], RIG)
+    assert uncertainty.TOO_QUIET.format(answer.sound_factor) in answer.status
+    assert answer.contact.K1 < 0.95 * TRUE_TO_SCALE.K1
+    assert answer.beside_errors is None
+    assert 'stands still' not in found.status
+
+
 def test_noise_and_imperfection_together_leave_a_stiffness_of_one_elevation_open():
     half = uncertainty.MAX_HALF_WIDTH['K']
     worst = (0.9 * half, '5 µm of clearance')
