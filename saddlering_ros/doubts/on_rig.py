@@ -272,9 +272,18 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
             f'no half second of a steady load near the preload ({preload}) has {MIN_SAMPLES} '
             'readings: displacements count from the first reading alone: rest longer, or record '
             'faster')]
-    return [] if zero.near_preload else [Finding(
-        f'the record starts at {rig.force_words(start)}, which is not near the preload '
-        f'({preload}): displacements count from there')]
+    if not zero.near_preload:
+        return [Finding(
+            f'the record starts at {rig.force_words(start)}, which is not near the preload '
+            f'({preload}): displacements count from there')]
+    before = load[:zero.start]
+    highest = float(extremes(before)[1]) if len(before) else start
+    near = geometry.NEAR_PRELOAD_SHARE * full
+    return [] if highest <= rig.preload + near else [Finding(
+        f'the load was {rig.force_words(highest)} before its first rest near the preload '
+        f'({preload}), {time[zero.start] - time[0]:.3f} s after the start: {len(before)} of '
+        f'{len(load)} samples lie before this zero, and are neither simulated nor judged: record '
+        'from a rest at the preload on')]
 
 
 def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:

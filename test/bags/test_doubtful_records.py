@@ -117,8 +117,9 @@ def test_readings_outside_of_their_span_look_like_a_unit(recording, tmp_path, me
     (0.05 * RAMP, 'the load reaches 1.23 t at most and the full scale is 25.0 t'),
     (RAMP - RIG.preload, 'the zero, at 0.00 t, is below the preload (0.50 t): the load was tared'),
     (np.maximum(RAMP, 15.0 * TONNE),
-     'the record starts at 15.0 t, which is not near the preload (0.5 t)')],
-    ids=['high', 'low', 'tared', 'late'])
+     'the record starts at 15.0 t, which is not near the preload (0.5 t)'),
+    (RAMP[np.r_[500:1000, 0:500]], 'the load was 24.5 t before its first rest near the preload')],
+    ids=['high', 'low', 'tared', 'late', 'zero late'])
 def test_a_load_far_from_the_full_scale_or_from_far_off_the_preload_is_noted(load, words):
     (note,) = map(str, rig_findings(RIG, 'dynamic', TIME, load, SPANS))
     assert note.startswith(words)
