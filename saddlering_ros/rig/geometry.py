@@ -194,6 +194,13 @@ MIN_WINDOW_SECONDS = 0.1
 in a few seconds, stays in the band for tens of milliseconds. It must be below WINDOW_SECONDS, at
 which every window ends."""
 
+LEAP_SHARE = 0.05
+"""A gap that leaves its start by this share of the probe's span is no rest: the device begins to
+read, or somebody touches the probe."""
+
+MAX_LEAPS = 10
+"""Windows that are given up for this. Then the probe has no zero, and the others have."""
+
 NEAR_PRELOAD_SHARE = 0.04
 """A load within preload plus this share of full scale (1 t) counts as preload."""
 
@@ -229,13 +236,17 @@ class ZeroWindow:
     WINDOW_SECONDS, or when the load leaves the window's first load by STEADY_SHARE of full scale.
     A window with too few samples or over too short a time is no rest, and opens anew. So does the
     first whole window after a load above preload, in which the ring settles. The sample that
-    closes the window is not part of it. Live nodes and commands use this object, so that their
-    zeros are equal to the last bit.
+    closes the window is not part of it. A window in which a gap leaps is none either, and a probe
+    that stays at one end of its range, as before its device reads, has no zero (NaN). Live nodes
+    and commands use this object, so that their zeros are equal to the last bit.
     """
 
     def __init__(self, rig: Rig, *, anywhere: bool = False) -> None:
         self._steady = STEADY_SHARE * rig.full_scale_load
         self._highest = rig.preload + NEAR_PRELOAD_SHARE * rig.full_scale_load
+        self._low, self._high = rig.probes.min_range, rig.probes.max_range
+        self._leap = LEAP_SHARE * (self._high - self._low)
+        self._leaps = 0
         self._anywhere = anywhere
         self._settles = False
         self._count = 0
@@ -248,7 +259,9 @@ class ZeroWindow:
         # How many of the last samples given the open window holds.
         self.samples = 0
         self._load_sum = 0.0
+        self._first_gaps: list[float] = []
         self._gap_sums: list[float] = []
+        self._is_moved: list[bool] = []  # by probe, since the first gap
 
     def push_batch(self, time: NDArray[np.float64], load: NDArray[np.float64],
                    gaps: NDArray[np.float64]) -> ZeroReading | None:
@@ -277,20 +290,31 @@ class ZeroWindow:
             elif (self.samples >= MIN_SAMPLES
                     and self._newest - self._opened_at >= MIN_WINDOW_SECONDS):
                 mean = self._load_sum / self.samples
-                gaps_at_zero = tuple(total / self.samples for total in self._gap_sums)
+                gaps_at_zero = tuple(
+                    total / self.samples if is_moved or self._low < first < self._high
+                    else math.nan for total, is_moved, first in zip(
+                        self._gap_sums, self._is_moved, self._first_gaps, strict=True))
                 return ZeroReading(mean, gaps_at_zero, self._start, index, mean <= self._highest)
             self._open()
         if not self._anywhere and load > self._highest:
             self._settles = True
             return None
+        if self._leaps < MAX_LEAPS and any(
+                abs(gap - first) > self._leap
+                for gap, first in zip(gaps, self._first_gaps, strict=False)):
+            self._leaps += 1
+            self._open()
         if not self.samples:
             self._opened_at, self._first_load, self._start = time, load, index
-            self._gap_sums = [0.0] * len(gaps)
+            self._first_gaps = list(gaps)
+            self._gap_sums, self._is_moved = [0.0] * len(gaps), [False] * len(gaps)
         self.samples += 1
         self._newest = time
         self._load_sum += load
         for i, gap in enumerate(gaps):
-            self._gap_sums[i] += gap
+            first = self._first_gaps[i]
+            self._gap_sums[i] += gap if abs(gap - first) <= self._leap else math.nan
+            self._is_moved[i] |= gap != first
         return None
 
 

@@ -41,6 +41,19 @@ def test_readings_are_means_over_the_window_and_nothing_else() -> None:
     assert reading.gaps == pytest.approx(gaps[:, :51].mean(axis=1), rel=1e-14)
 
 
+@pytest.mark.parametrize(('first', 'probe_1'), [
+    (np.r_[np.zeros(20), 0.45e-3, np.full(179, 1e-3)], 1e-3),  # its device reads after 0.2 s
+    (np.zeros(200), np.nan),  # or never
+    (np.where(np.arange(200) % 2, 0.0, 2e-3), np.nan)])  # a loose contact
+def test_a_probe_that_does_not_read_spoils_no_zero(first: np.ndarray, probe_1: float) -> None:
+    """Zeros of a driver whose device had not read yet shifted a whole test by 200 um."""
+    time, load = steady(2.0, RIG.preload)
+    gaps = np.full((4, time.size), 1e-3)
+    gaps[0] = first
+    reading = zero_of_blocks(RIG, lambda: [(time, load, gaps)])
+    assert reading.gaps == pytest.approx([probe_1, 1e-3, 1e-3, 1e-3], nan_ok=True)
+
+
 def test_loads_above_preload_are_passed_over_until_one_near_preload_comes() -> None:
     high_time, high_load = steady(1.0, 5.0 * TONNE)
     low_time, low_load = steady(2.0, RIG.preload, start=1.0)
