@@ -48,6 +48,10 @@ MAX_UNREAD = 0.005
 MAX_APART = 0.05
 """Time [s] that recordings which begin and end together do not lie apart."""
 
+MIN_SHORTER = 1.0
+"""Time [s] by which a load lasts less than the probes, of which a note is made: topics of one
+driver begin and end some tenths of a second apart."""
+
 MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
 wrong."""
@@ -272,7 +276,10 @@ def date_findings(record: RawRecord) -> list[Finding]:
 
 
 def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
-    """A finding for each topic stamped by another clock than others, or by one that was set."""
+    """A finding for each topic stamped by another clock than others, or by one that was set.
+
+    And one for a load that lasts less long than the probes.
+    """
     names, findings = [name for name in RIG_TOPICS if name != absent], []
     ends = np.array([record[name].stamps[[0, -1]] for name in names])
     apart = (ends - ends[0] - np.median(ends - ends[0], axis=0)) * 1e-9
@@ -289,6 +296,11 @@ def other_clocks(record: RawRecord, absent: str) -> list[Finding]:
                 f'stamps leap by {change:.2g} s, and end so much later than those of the others: '
                 'the clock was set meanwhile, and no sample is missing: correct the stamps or '
                 'repeat the test, or K, n and D are wrong', name))
+        elif name == LOAD_TOPIC and change < -max(limit, MIN_SHORTER):
+            findings.append(Finding(
+                f'lasts {-change:.2g} s less than the others, whose readings before and after it '
+                'are not used: see to its driver or recorder, and record again if the test went '
+                'on', name))
     return findings
 
 

@@ -203,6 +203,15 @@ def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, r
     assert 'begins and ends' not in ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
 
 
+def test_a_load_that_ends_before_the_probes_is_noted(tmp_path, recording):
+    part = len(recording.stamps[LOAD_TOPIC]) // 4
+    short = recording.changed(LOAD_TOPIC, recording.stamps[LOAD_TOPIC][:part],
+                              recording.values[LOAD_TOPIC][:part])
+    notes = ' '.join(bag_info(short.write(tmp_path / 'bag')).notes)
+    assert f'{LOAD_TOPIC}: lasts ' in notes
+    assert 's less than the others, whose readings before and after it are not used' in notes
+
+
 @pytest.mark.parametrize(('cables', 'words'), [
     ((0, 1, 3, 2), 'channels of probes 3 and 4 look swapped: 1 and 4 mirror each other'),
     ((1, 0, 2, 3), 'channels of probes 1 and 2 look swapped: 2 and 3 mirror each other'),
