@@ -45,6 +45,10 @@ FAR_OUTSIDE = 20.0
 MAX_UNREAD = 0.005
 """Share of load stamps without a reading, as at both ends of a record."""
 
+MAX_LATE, MAX_LATE_PERIODS = 2e-4, 0.1
+"""Lateness of stamps [s], and in periods, of load or probes beyond the others. 1 ms changes D by
+1 to 3 %; stamps with a usual jitter of 2 % of a period are 0.04 periods late."""
+
 MAX_APART = 0.05
 """Time [s] that recordings which begin and end together do not lie apart."""
 
@@ -250,6 +254,16 @@ def clock_findings(load: TopicQuality, probes: Sequence[TopicQuality],
             f'{subject} low-passed at about {slow:.2g} Hz and the other readings are not, or '
             f'less: a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all '
             'channels the same filter'))
+    late = [one.lateness - load.lateness for one in probes]
+    largest = max(late, key=abs)
+    if abs(largest) > max(MAX_LATE, MAX_LATE_PERIODS / load.rate):
+        alone = sum(abs(one) > 0.5 * abs(largest) for one in late) == 1
+        who = ('the load seems' if largest < 0.0 and not alone else
+               f'probe {late.index(largest) + 1} seems' if alone else 'the probes seem')
+        findings.append(Finding(
+            f'{who} stamped on arrival, by uneven stamps: about {1e3 * abs(largest):.1f} ms later '
+            'than the readings were taken, which shifts D1 and D2: stamp them when they are taken'
+        ))
     if share := rate_share(load, probes, seconds):
         how = 'interpolated from' if logger_quality.rate_before(load, probes) else 'stamped at'
         findings.append(Finding(

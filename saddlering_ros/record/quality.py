@@ -115,6 +115,14 @@ and by -0.33 in the quiet one. Noise that swells by itself has -0.67 in both, a 
 the rate -1."""
 
 
+EVEN_STAMPS, EARLIEST = 200, 0.02
+"""Stamps of a stretch in which a clock is even, and share of them that count as the earliest."""
+
+NEAR_WHOLE, MIN_WHOLE = 0.25, 0.95
+"""Distance of a step from whole periods, in periods, and share of steps up to this distance from
+which on longer steps are of missing samples: stamps of arrival lie anywhere."""
+
+
 @dataclass(frozen=True)
 class TopicQuality:
     """Properties of one topic by its readings; the defaults are those of no numbers."""
@@ -131,6 +139,7 @@ class TopicQuality:
     stall: tuple[int, int] = (0, 0)  # start, count of equal readings, not by chance or rest
     limit: tuple[float, int] = (math.nan, 0)  # value, count, where a limit repeats an extreme
     alternates: float = 0.0  # difference of every second reading, 0 if it can be noise
+    lateness: float = 0.0  # [s] of the mean stamp behind the earliest ones of an even clock
 
     @property
     def is_held(self) -> bool:
@@ -145,7 +154,8 @@ class TopicQuality:
 
 def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     """Look at readings (N,) at stamps (N,) [ns]."""
-    period = float(np.median(spread_changes(stamps)))
+    steps = spread_changes(stamps)
+    period = float(np.median(steps))
     rate = 1e9 / max(period, 1.0)
     longest = max(int(np.diff(stamps[block.start:block.stop + 1]).max())
                   for block in blocks(len(stamps) - 1, stamps))
@@ -176,7 +186,29 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
         spikes=np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise),
         stall=(0, 0) if held else _stall(values, new, runs, resolution),
         limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0),
-        alternates=0.0 if held else _alternates(seen, resolution))
+        alternates=0.0 if held else _alternates(seen, resolution),
+        lateness=1e-9 * _lateness(steps, period))
+
+
+def _lateness(steps: Stamps, period: float) -> float:
+    """Mean delay of stamps behind the earliest ones of an even clock, in the unit of the steps.
+
+    Stamps of arrival are late by what a bus or a queue takes, which differs from one to the next.
+    Steps of whole periods are of missing samples.
+    """
+    beats = steps / max(period, 1.0)
+    missing = np.maximum(np.rint(beats) - 1.0, 0.0)
+    if np.mean(np.abs(beats - 1.0 - missing) < NEAR_WHOLE) > MIN_WHOLE:
+        beats = beats - missing
+    even = beats[:beats.size // EVEN_STAMPS * EVEN_STAMPS].reshape(-1, EVEN_STAMPS)
+    even = even[even.max(axis=1, initial=0.0) < EVEN_STAMPS]
+    if not even.size:
+        return 0.0
+    number = np.arange(EVEN_STAMPS) - 0.5 * (EVEN_STAMPS - 1)
+    behind = np.cumsum(even, axis=1)
+    behind -= behind.mean(axis=1, keepdims=True)
+    behind -= np.outer(behind @ number / (number @ number), number)
+    return -period * float(np.median(np.quantile(behind, EARLIEST, axis=1)))
 
 
 def _runs(values: Floats) -> NDArray[np.int64]:
@@ -374,7 +406,8 @@ def _rate_before(values: Floats) -> float:
 
 def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """Largest possible delay [s] between readings of load and probes."""
-    ages = [0.5 / one.update_rate if one.is_held else 0.0 for one in (load, *probes)]
+    ages = [one.lateness + (0.5 / one.update_rate if one.is_held else 0.0)
+            for one in (load, *probes)]
     age = ages[0] - median_of_known(ages[1:])
     drift = abs(rate_share(load, probes, seconds)) * seconds
     return abs(age + filter_lag(load, probes)) + drift

@@ -43,6 +43,25 @@ def test_readings_are_held_by_a_slower_clock_and_not_by_chance():
     assert not topic_quality(stamps, values[last_new]).is_held
 
 
+def test_stamps_of_arrival_are_told_and_lost_samples_are_not_late():
+    """Damping of a sound ring was 1 to 2 % too large with probes that were stamped on arrival."""
+    random, (stamps, values) = np.random.default_rng(3), record()
+    even = topic_quality(stamps, values)
+    arrived = np.maximum.accumulate(stamps + random.exponential(5e5, stamps.size).astype(np.int64))
+    late, kept = topic_quality(arrived, values), random.random(stamps.size) > 0.2
+    assert late.lateness == pytest.approx(5e-4, rel=0.2)
+    assert topic_quality(stamps[kept], values[kept]).lateness < 1e-5
+    assert topic_quality(stamps + random.normal(0.0, 2e4, stamps.size).astype(np.int64),
+                         values).lateness < 6e-5
+    for load, probes, who in ((even, [late] * 4, 'the probes seem'),
+                              (even, [even, late, even, even], 'probe 2 seems'),
+                              (late, [even] * 4, 'the load seems')):
+        (line,) = map(str, clock_findings(load, probes, 8.0))
+        assert line.startswith(f'{who} stamped on arrival')
+    assert doubtful_lag(even, [late] * 4, 8.0) == pytest.approx(5e-4, rel=0.2)
+    assert clock_findings(late, [late] * 4, 8.0) == []
+
+
 def test_single_spikes_are_found_each_and_nothing_else():
     stamps, values = record()
     struck = np.array([100, 2500, 4000, 7000])
