@@ -207,10 +207,12 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                                      'clocks)')
         channels = ' and '.join(sorted({'delta_x' if number % 2 else 'delta_y and gamma'
                                         for number in missing}))
-        fault, remedy = (('does not read', 'repair the probe, then') if silent else
+        who, verb, them = (('probes ' + ' and '.join(map(str, missing)), 'do', 'them')
+                           if len(missing) > 1 else (f'probe {missing[0]}', 'does', 'the probe'))
+        fault, remedy = ((f'{verb} not read', f'repair {them}, then') if silent else
                          ('did not read at the zero', 'go to preload, and'))
-        return TaskStatus(ERROR, f'probe {", ".join(map(str, missing))} {fault}, {channels} '
-                                 f'unknown: {remedy} call ~/zero; the other channels continue')
+        return TaskStatus(ERROR, f'{who} {fault}, {channels} unknown: {remedy} call ~/zero; the '
+                                 'other channels continue')
 
     def _clocks_status(self) -> TaskStatus:
         """By arrival, as check-driver judges it; the stamps of a replay are too old for that."""

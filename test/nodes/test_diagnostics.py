@@ -141,7 +141,7 @@ def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() ->
     """A probe that began after the zero was among "all four read", and the rig was ready."""
     zero = SimpleNamespace(reading=SimpleNamespace(gaps=(1e-3, np.nan, 1e-3, 1e-3)))
     for missing, words in (([2, 0, 0, 0], 'probe 1 does not read, delta_x unknown'),
-                           ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown'),
+                           ([0, 3, 0, 1], 'probes 2 and 4 do not read, delta_y and gamma unknown'),
                            ([5] * 4, 'no probe reads at the stamps of the load, and nothing is '
                                      'published'),
                            ([0] * 4, 'probe 2 did not read at the zero, delta_y and gamma unknown')
