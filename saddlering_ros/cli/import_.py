@@ -119,12 +119,15 @@ def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> lis
     from saddlering_ros.cli.rig import contradictions
     from saddlering_ros.doubts.comparison import overlap_words
 
-    lines = []
-    for first, second in combinations(result.runs, 2):
-        if second.start <= first.stop and first.start <= second.stop:
+    lines, records = [], {}
+    for run in result.runs:
+        if any(run.start <= other.stop and other.start <= run.stop
+               for other in result.runs if other is not run):
             with suppress(BagError):  # which is one of the problems below
-                words = overlap_words(*(read_run(run.path, rig=rig) for run in (first, second)))
-                lines += [f'{second.path}: {words}'] * bool(words)
+                records[run.path] = read_run(run.path, rig=rig)
+    for first, second in combinations(records, 2):
+        if words := overlap_words(records[first], records[second]):
+            lines.append(f'{second}: {words}')
     for run in result.runs:
         info = bag_info(run.path, rig=rig)
         doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
