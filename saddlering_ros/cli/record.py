@@ -2,6 +2,7 @@
 
 import argparse
 import atexit
+from collections.abc import Mapping, Sequence
 import math
 import signal
 import sys
@@ -31,6 +32,29 @@ COMMANDS = (Command(
          'a test on the rig that can be identified and diagnosed'),)),)
 
 
+SILENT = 5.0
+"""Time [s] without a message of a topic of the rig, while others come, after which it is noted: a
+test can still be repeated then."""
+
+
+class Silence:
+    """Topics from which nothing comes while others go on, each told once."""
+
+    def __init__(self, awaited: Sequence[str], now: float) -> None:
+        self._last = dict.fromkeys(awaited, (0, now))  # number of messages, and since when [s]
+        self._told: set[str] = set()
+
+    def told(self, counts: Mapping[str, int], now: float) -> list[str]:
+        """The topics to tell of, by the messages of each so far, at `now` [s]."""
+        self._last = {topic: last if counts[topic] == last[0] else (counts[topic], now)
+                      for topic, last in self._last.items()}
+        newest = max(since for count, since in self._last.values())
+        silent = [topic for topic, (_, since) in self._last.items()
+                  if newest - since >= SILENT and topic not in self._told]
+        self._told.update(silent)
+        return silent
+
+
 def run(args: argparse.Namespace) -> int:
     """Record until a signal ends it, which is how a recording ends: status 0."""
     from saddlering_ros.doubts.readings import absent_topic
@@ -57,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         # At its end the interpreter restores the default, by which a repeated signal kills.
         atexit.register(signal.signal, number, signal.SIG_IGN)
     began, awaited = time.monotonic(), [one for one in RIG_TOPICS if one != absent_topic(rig)]
-    has_begun = False
+    has_begun, silence = False, Silence(awaited, began)
     with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
                    namespace=namespace_of(args.namespace)) as node:
         if args.json != '-':
@@ -70,6 +94,9 @@ def run(args: argparse.Namespace) -> int:
                 if args.json != '-':
                     print(f'load and probes arrive, {time.monotonic() - began:.1f} s after the '
                           'start', flush=True)
+            for topic in silence.told(node.counts(), time.monotonic()):
+                print(f'note: {topic}: nothing has come for {SILENT:g} s, while other topics do: '
+                      'see to its driver', file=sys.stderr, flush=True)
         contradiction = node.settle_rig()
     if contradiction:
         print(f'note: {contradiction}', file=sys.stderr)

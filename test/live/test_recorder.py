@@ -21,6 +21,7 @@ from saddlering_ros.bags.reader import bag_info
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.bags.write import write_bag
 from saddlering_ros.cli.main import main
+from saddlering_ros.cli.record import Silence
 from saddlering_ros.live import recorder
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.record import TestMetadata
@@ -134,6 +135,15 @@ def test_a_topic_of_the_rig_that_never_came_is_noted_at_the_end_of_a_recording(
     told = capsys.readouterr()
     assert told.err.startswith('note: nothing was received on /rig/eddy_current_1,')
     assert 'arrive' not in told.out
+
+
+def test_a_topic_that_stops_while_others_go_on_is_noted_during_the_recording() -> None:
+    silence = Silence(['/load', '/probe'], 0.0)
+    told = {second: silence.told({'/load': second, '/probe': min(second, 3)}, float(second))
+            for second in range(20)}
+    assert {second: topics for second, topics in told.items() if topics} == {8: ['/probe']}
+    nothing = Silence(['/load', '/probe'], 0.0)
+    assert not any(nothing.told({'/load': 0, '/probe': 0}, float(second)) for second in range(20))
 
 
 def test_a_recording_tells_when_load_and_probes_arrive(
