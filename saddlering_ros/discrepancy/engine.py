@@ -191,10 +191,16 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
     changed: list[str] = []
-    if answer.verdict == 'named' and strict.space.problem.assumptions.exact_laws:
-        changed, is_doubt = parts.changed_sizes(
-            answer.search.space, answer.published, answer.remainder)
-        answer = answer.doubted(changed) if is_doubt else answer.noted(*changed)
+    if answer.verdict in ('named', 'ambiguous') and strict.space.problem.assumptions.exact_laws:
+        space, alone = answer.search.space, [  # Another member of a group may keep its size.
+            cause for cause in answer.published.causes if len(cause.group) == 1]
+        if not answer.is_beside_error:
+            changed = parts.unsteady_sizes(
+                space, answer.search.fit, alone, counts_interval=False)
+        answer = answer.doubted(changed)
+        more, is_doubt = parts.changed_sizes(space, answer.published, answer.remainder)
+        answer = answer.doubted(more) if is_doubt else answer.noted(*more)
+        changed += more
     if answer.verdict == 'unknown':  # Learnt model error takes what a bound leaves.
         answer = answer.noted(*publishing.base_at_bounds(strict.space.problem, strict.fit))
     return answer, stability, answer.verdict == 'unknown' and bool(

@@ -7,7 +7,16 @@ import pytest
 from test_any_simulator import example
 
 from saddlering_ros import discrepancy
-from saddlering_ros.discrepancy import Channel, check, diagnose, Model, Noise, Parameter, Run
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    Effect,
+    Model,
+    Noise,
+    Parameter,
+    Run,
+)
 
 Sound = tuple[Model, list[Run]]
 """A model and runs that it can only miss by something of which no effect is listed."""
@@ -166,3 +175,30 @@ def test_a_cause_that_the_declared_error_hides_makes_none_no_less_sure() -> None
     assert answer.verdict == 'none'
     assert answer.probabilities['none'] > 0.8
     assert not [reason for reason in answer.near_limit if 'the evidence' in reason]
+
+
+@pytest.mark.parametrize(('share', 'verdict'), [(1.0, 'named'), (0.4, 'unknown')])
+def test_what_acts_on_the_channels_in_other_shares_is_no_cause_beside_a_declared_error(
+    share: float, verdict: str,
+) -> None:
+    """What was left was under the declared error, and a displaced sensor was a slow heater."""
+    def bench(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        force = np.asarray(run.inputs['force'])
+        bent = values['bend.size'] * force**3
+        return {'near': values['near'] * force + bent, 'far': values['far'] * force + bent}
+
+    def recording(number: int) -> Run:
+        time, random = np.linspace(0.0, 20.0, 400), np.random.default_rng(number)
+        force = np.sin((0.7 + 0.3 * number) * time) + 0.4 * np.sin(2.3 * time + number)
+        seen = {name: base * force + own * force**3 + random.normal(0.0, 0.02, time.size)
+                for name, base, own in (('near', 2.0, 0.2), ('far', 1.5, 0.2 * share))}
+        return Run(f'run {number}', time, {'force': force}, seen)
+
+    channel = Channel('mm', offset='free', model_error=0.01)
+    model = Model(
+        bench, {'near': Parameter(0, 5), 'far': Parameter(0, 5)},
+        {'bend': Effect('Bending', {'size': Parameter(-2, 2)})},
+        {'near': channel, 'far': channel})
+    answer = diagnose(model, [recording(0), recording(1)], hold_out=[recording(2)])
+    assert answer.verdict == verdict
+    assert any('is fitted for each channel' in one for one in answer.warnings) == (share < 1.0)

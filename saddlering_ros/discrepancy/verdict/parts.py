@@ -113,18 +113,22 @@ class _Parts:
                 float(weights.sum() ** -0.5))
 
 
-def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
+def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause],
+                   counts_interval: bool = True) -> list[str]:
     """A sentence for every cause that needs another size in each run, or in each channel.
 
     A law has one size wherever it acts. The size of a stand-in follows the conditions. Sizes that
-    differ by more than model error and the stated interval explain are those of another law.
+    differ by more than model error and, beside what is learnt of it, the stated interval explain
+    are those of another law.
     """
     stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
-    sentences, titles = [], space.problem.titles
+    sentences, titles, trials = [], space.problem.titles, 1 if counts_interval else 2 * len(causes)
     for (effect, _, indices), change in zip(fit.parts, space.changes_of(fit).T, strict=True):
-        size = stated[effect.id]
+        if (size := stated.get(effect.id)) is None:
+            continue
         # A published size of zero allows any.
-        interval = size.std / max(abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
+        interval = counts_interval * size.std / max(
+            abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
         for place, kind in enumerate(('run', 'channel')):
             parts = _Parts.by(
                 place, space.metric, space.tangent_of(fit).white, fit, indices.start, change)
@@ -133,7 +137,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
             apart = parts.sizes - (weights @ parts.sizes).sum() / max(weights.sum(), 1e-300)
             freedom = max(parts.sizes.size - 1, 1)
             ratio = float(apart @ weights @ apart) / freedom
-            if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate:
+            if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate / trials:
                 sentences.append(wording.UNSTEADY_SIZE.format(
                     titles[effect.id], kind, percent(parts.sizes.min()),
                     percent(parts.sizes.max())))
