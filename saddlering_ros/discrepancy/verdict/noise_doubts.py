@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.noise import (
     wrong_level,
 )
 from saddlering_ros.discrepancy.problem import system as systems
+from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import ModelSystem
 from saddlering_ros.discrepancy.search.lack_of_fit import is_noise_alone
@@ -93,45 +94,59 @@ def with_slow_noise(diagnosis: results.Diagnosis, system: ModelSystem) -> result
               if channel.noise.learns_from_residuals}
     if diagnosis.verdict != 'unknown' or not learnt:
         return diagnosis
-    problem, base = diagnosis.fits.metric.problem, diagnosis.fits.before
+    fits = diagnosis.fits
+    problem, base = fits.metric.problem, fits.before
 
-    def of_channels(noise: Mapping[str, Noise]) -> Metric:
-        """The metric of the residual of the base with another noise in these channels."""
+    def of_channels(noise: Mapping[str, Noise], fit: Fit) -> Metric:
+        """The metric of the residual of a fit with another noise in these channels."""
         slower = copy(system)
         slower.model = replace(system.model, channels={**system.model.channels, **{
             name: replace(learnt[name], noise=own) for name, own in noise.items()}})
-        return noise_metric(replace(problem, assumptions=slower.assumptions()), base.prediction)
+        return noise_metric(replace(problem, assumptions=slower.assumptions()), fit.prediction)
+
+    longest = [float(np.ptp(run.time)) for run in problem.runs]
 
     def in_runs(metric: Metric) -> dict[str, list[ChannelNoise]]:
         return {name: [metric.sensors[run.name, number] for run in problem.runs]
                 for number, name in enumerate(system.channel_names) if name in learnt}
 
-    metric = of_channels(dict.fromkeys(learnt, ONE_RELAXATION))
+    def wandering(fit: Fit) -> str:
+        """Declarations of random walks beside which a fit leaves nothing; '' if it does."""
+        wander, walks = of_channels(dict.fromkeys(learnt, WANDERING), fit), {}
+        for (name, each), scale in zip(in_runs(wander).items(), [
+                scale for name, scale in zip(system.channel_names, system.scales, strict=True)
+                if name in learnt], strict=True):
+            walk = np.mean([_squared_walk(one) for one in each]) ** 0.5
+            if walk * max(longest) ** 0.5 >= problem.settings.materiality:
+                walks[name] = float(f'{scale * walk:.2g}')
+        noise = {name: Noise.unknown(walk) for name, walk in walks.items()}
+        is_alone = walks and is_noise_alone(of_channels(noise, fit).with_offsets(), fit)
+        return wording.joined([f'{name}: Noise.unknown(walk={walk:.2g})'
+                               for name, walk in walks.items()]) if is_alone else ''
+
+    metric = of_channels(dict.fromkeys(learnt, ONE_RELAXATION), base)
     times = {name: [float(one.time_constants.max(initial=0.0)) for one in each]
              for name, each in in_runs(metric).items()}
-    longest = [record_noise.longest_relaxation(float(np.ptp(run.time))) for run in problem.runs]
-    is_drift = any(np.greater_equal(each, longest).any() for each in times.values())
+    is_drift = any(np.greater_equal(
+        each, [*map(record_noise.longest_relaxation, longest)]).any() for each in times.values())
     if not is_drift and is_noise_alone(metric.with_offsets(), base):
         note = wording.SLOW_NOISE.format(wording.joined([
             f'{quantity(max(each), problem.time_unit, digits=2)} in {name}'
             for name, each in times.items()]))
     elif diagnosis.residual_before.slow.p_value >= problem.settings.error_rate:
         return diagnosis  # What held-out runs alone show is no noise of the fitted ones.
+    elif walks := wandering(base):
+        note = wording.WANDERING.format(walks)
+    elif diagnosis.causes and (walks := wandering(fits.after)):
+        return replace(diagnosis, warnings=(wording.BESIDE_WANDERING.format(
+            diagnosis.causes[0].definition.title, walks), *diagnosis.warnings))
     else:
-        wander, scale = of_channels(dict.fromkeys(learnt, WANDERING)), dict(
-            zip(system.channel_names, system.scales, strict=True))
-        walks = {name: float(f'{scale[name] * np.mean([*map(_walk, each)]) ** 0.5:.2g}')
-                 for name, each in in_runs(wander).items()}
-        metric = of_channels({name: Noise.unknown(walk) for name, walk in walks.items()})
-        if not is_noise_alone(metric.with_offsets(), base):
-            return diagnosis
-        note = wording.WANDERING.format(wording.joined([
-            f'{name}: Noise.unknown(walk={walk:.2g})' for name, walk in walks.items()]))
+        return diagnosis
     chances = diagnosis.probabilities if diagnosis.causes else OPEN
     return replace(diagnosis, probabilities=chances, warnings=(note, *diagnosis.warnings))
 
 
-def _walk(noise: ChannelNoise) -> float:
+def _squared_walk(noise: ChannelNoise) -> float:
     """The square of the random walk of a noise that has one as its last relaxation."""
     return float(2.0 * noise.slow[-1] / noise.time_constants[-1]) if noise.slow.size else 0.0
 

@@ -431,6 +431,8 @@ SLOW_NOISE = ('the misfit is as random as noise with a correlation time of about
 WANDERING = ('the misfit is as random as noise that wanders slowly: if the sensors have it, '
              'nothing is wrong: declare it, {}. Such noise is not learnt unasked, because a cause '
              'can look alike')
+BESIDE_WANDERING = ('what {} leaves is as random as noise that wanders slowly: if the sensors '
+                    'have it, declare it, {}, and diagnose again')
 NEVER_MOVES = ('{0}: the simulator gives one value throughout each run, whatever the parameters: '
                'check what simulate returns for {0}')
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
