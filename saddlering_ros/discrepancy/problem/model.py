@@ -17,6 +17,7 @@ from saddlering_ros.discrepancy.noise import Noise, noise_of_channel
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
+from saddlering_ros.errors import counted
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.record_noise import ChannelRecord
 from saddlering_ros.quantities import percent
@@ -241,8 +242,9 @@ class ModelSystem:
         present = np.isfinite(readings)
         for name, there, scale in zip(self.channel_names, present, self.scales, strict=True):
             if there.sum() < system.MIN_SAMPLES:
-                raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
-                                       f'that are numbers; give at least {system.MIN_SAMPLES}')
+                number = counted(there.sum(), 'sample that is a number|samples that are numbers')
+                raise DiscrepancyError(f'run {run.name}: channel {name} has {number}; give at '
+                                       f'least {system.MIN_SAMPLES}')
             values = run.outputs[name]
             wild = np.flatnonzero(np.abs(values - np.median(values[there])) > DIVERGED * scale)
             if wild.size:

@@ -12,7 +12,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import counted, SaddleringError
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.quantities import CHANCE, MATERIAL, WIDTH_95
 
@@ -318,8 +318,8 @@ class RunBlocks:
             raise DiscrepancyError(f'run {self.name}: channels have shape {self.channels.shape}: '
                                    f'give (C, {self.time.size})')
         if self.time.size < MIN_SAMPLES:
-            raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few: give '
-                                   f'at least {MIN_SAMPLES}')
+            raise DiscrepancyError(f'run {self.name}: {counted(self.time.size, "sample")}, too '
+                                   f'few: give at least {MIN_SAMPLES}')
         if not np.isfinite(self.channels).all():
             raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number: '
                                    'leave its sample out')
