@@ -18,7 +18,6 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
-from saddlering_ros.discrepancy.verdict.wording import OfPrediction
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.quantities import WIDTH_95
@@ -255,7 +254,7 @@ def with_main_cause(
                      complete=complete, remainder=() if complete else diagnosis.remainder,
                      # A session of other tests predicts the other one badly with any cause.
                      warnings=tuple(one for one in diagnosis.warnings
-                                    if not isinstance(one, OfPrediction)))
+                                    if not isinstance(one, discrepancy.wording.OfPrediction)))
     return replace(stated, probabilities=discrepancy.probabilities_of(
         stated.verdict, stated.causes, share))
 
