@@ -28,7 +28,7 @@ from saddlering_ros.discrepancy.verdict.published import Publication, STRETCHES
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits, Refit
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.process import fisher_chance
-from saddlering_ros.quantities import GOOD, percent, quantity, WIDTH_95
+from saddlering_ros.quantities import GOOD, percent, quantity, signed_percent, WIDTH_95
 
 STRAIGHT_SHARE = 0.1
 """Share of an effect beside the base parameters from which its influence on a size is told: below
@@ -189,7 +189,8 @@ def changed_sizes(space: ModelSpace, published: Publication,
                     fisher_chance((move / spread) ** 2, 1, pairs) > MAX_CHANCE):
                 continue
             sentences.append(wording.CHANGED_SIZE.format(
-                problem.titles[effect.id], run.name, percent(1.0 + move), percent(spread)))
+                problem.titles[effect.id], run.name,
+                signed_percent(1.0 + move, spread, is_signed=False)))
             whole = problem.changes_of_effects(fit.point, fit.prediction)[:, number]
             parts = _Parts.by(0, published.fits.metric, slopes, fit, indices.start, whole)
             near = np.abs(parts.sizes - 1.0) + 2.0 * np.sqrt(np.diag(parts.errors))

@@ -355,8 +355,8 @@ SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its
                     'the base, and an effect outside the catalogue could have as much')
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
-CHANGED_SIZE = ('{} does not keep its size: in held-out {} it has {} (+/- {}) of what the fitted '
-                'runs give. It changed between the runs, or the true cause has another law')
+CHANGED_SIZE = ('{} does not keep its size: in held-out {} it has {} of what the fitted runs '
+                'give, because it changed between the runs, or because its law is another one')
 UNSHARED = ('{} of the refits have the same first cause, and more than {} is required: most of '
             'the others end in {}')
 
