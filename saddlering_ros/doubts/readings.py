@@ -325,7 +325,10 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     topics, guards = zip(*(_guarded_topic(record, name, rig or load_rig())
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
-    for raw in probes:
+    for raw in topics:
+        if pause := logger_quality.packets_apart(raw.stamps):
+            raise BagError(f'{where}: {raw.topic} is stamped in packets, {quantity(pause, "s")} '
+                           'apart, on their arrival: stamp each reading when it is taken')
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps, used, published = aligned_record(load.samples, [raw.samples for raw in probes])
     for rows in scratch.blocks(len(load), gaps, used, published):

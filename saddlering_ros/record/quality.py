@@ -123,6 +123,10 @@ NEAR_WHOLE, MIN_WHOLE = 0.25, 0.95
 which on longer steps are of missing samples: stamps of arrival lie anywhere."""
 
 
+BETWEEN_PACKETS = 10.0
+"""Smallest step between packets of readings, in usual steps: jitter makes none so long."""
+
+
 @dataclass(frozen=True)
 class TopicQuality:
     """Properties of one topic by its readings; the defaults are those of no numbers."""
@@ -209,6 +213,20 @@ def _lateness(steps: Stamps, period: float) -> float:
     behind -= behind.mean(axis=1, keepdims=True)
     behind -= np.outer(behind @ number / (number @ number), number)
     return -period * float(np.median(np.quantile(behind, EARLIEST, axis=1)))
+
+
+def packets_apart(stamps: Stamps) -> float:
+    """Distance [s] of packets whose readings are stamped together on arrival, 0 if there are none.
+
+    Packets have equal numbers of readings, and most of the time lies between them.
+    """
+    steps = spread_changes(stamps)
+    ends = np.flatnonzero(steps > BETWEEN_PACKETS * np.median(steps))
+    if ends.size < MIN_NEW or steps[ends].sum() < 0.5 * steps.sum():
+        return 0.0
+    readings = np.diff(ends)
+    is_even = np.mean(np.abs(readings - np.median(readings)) <= 1.0) > EVEN_SHARE
+    return 1e-9 * float(np.median(steps[ends])) if is_even else 0.0
 
 
 def _runs(values: Floats) -> NDArray[np.int64]:

@@ -56,12 +56,20 @@ def same(series):
     return series
 
 
+def in_packets(stamps):
+    """Ten readings are stamped when the last one arrives, a microsecond after each other."""
+    number = np.arange(stamps.size)
+    return stamps[np.minimum(number // 10 * 10 + 9, stamps.size - 1)] + 1000 * (number % 10)
+
+
 @pytest.mark.parametrize(('topic', 'stamps', 'values', 'words'), [
     (PROBE, lambda stamps: stamps[:4], lambda values: values[:4], 'holds 4 messages'),
     (PROBE, lambda stamps: np.append(0, stamps[1:]), same, 'leap ahead'),
     (PROBE, np.zeros_like, same, 'all stamps are zero'),
     (PROBE, lambda stamps: stamps // 50_000_000 * 50_000_000, same, 'stops at times'),
     (PROBE, lambda stamps: stamps + 60_000_000_000, same, 'overlap'),
+    (PROBE, lambda stamps: in_packets(stamps), same, 'is stamped in packets'),
+    (LOAD_TOPIC, lambda stamps: in_packets(stamps), same, 'is stamped in packets'),
     (PROBE, same, lambda values: values * 1e3, 'millimetres'),
     (PROBE, same, lambda values: values * 1e6, 'micrometres'),
     (LOAD_TOPIC, same, lambda values: 2.5 * values, 'of the rig file (from -24.5 kN to 368 kN'),
