@@ -72,9 +72,6 @@ EARLIEST = 946_684_800 * batches.SECOND
 MIN_SECONDS = 0.1
 """Duration of a record below which it is no test: five means of a fit."""
 
-MAX_GAP_SHARE = 0.5
-"""Share of a probe's record in gaps above which its stamps come by blocks."""
-
 
 def check_values(where: str, stamps: Stamps, values: Floats) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
@@ -326,9 +323,10 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
     for raw in topics:
-        if pause := logger_quality.packets_apart(raw.stamps):
-            raise BagError(f'{where}: {raw.topic} is stamped in packets, {quantity(pause, "s")} '
-                           'apart, on their arrival: stamp each reading when it is taken')
+        if pause := logger_quality.blocks_apart(raw.stamps):
+            raise BagError(f'{where}: the stamps of {raw.topic} come in blocks, '
+                           f'{quantity(pause, "s")} apart: stamp each sample when it is taken and '
+                           'not when its block arrives')
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps, used, published = aligned_record(load.samples, [raw.samples for raw in probes])
     for rows in scratch.blocks(len(load), gaps, used, published):
@@ -385,7 +383,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
-            + _why_apart(probes))
+            'start and stop all recordings together')
     assert facts.test is not None
     assert facts.elevation_deg is not None
     others = {name: align(load.stamps, record[name].stamps, record[name].values)
@@ -453,19 +451,6 @@ def _possible_record(record: RawRecord, rig: Rig) -> RawRecord:
             topics[name] = replace(raw, stamps=scratch.scratch_copy(raw.stamps[is_possible]),
                                    values=scratch.scratch_copy(raw.values[is_possible]))
     return replace(record, topics=topics)
-
-
-def _why_apart(probes: Sequence[RawTopic]) -> str:
-    """The remedy for probes without a common reading, by the pattern of their stamps."""
-    for raw in probes:
-        intervals = np.diff(raw.stamps)
-        in_gaps = int(intervals[gap_mask(raw.stamps)].sum())
-        if in_gaps > MAX_GAP_SHARE * int(raw.stamps[-1] - raw.stamps[0]):
-            period = float(np.median(intervals)) / 1e6
-            return (f'the stamps of {raw.topic} come in blocks, {period:.3g} ms apart within a '
-                    'block, with gaps between blocks: stamp each sample when it is taken and not '
-                    'when its block arrives')
-    return 'start and stop all recordings together'
 
 
 def _spikes(load: RawTopic, record: RawRecord, qualities: dict[str, TopicQuality]) -> Mask | None:

@@ -123,8 +123,8 @@ NEAR_WHOLE, MIN_WHOLE = 0.25, 0.95
 which on longer steps are of missing samples: stamps of arrival lie anywhere."""
 
 
-BETWEEN_PACKETS = 10.0
-"""Smallest step between packets of readings, in usual steps: jitter makes none so long."""
+BETWEEN_BLOCKS = 10.0
+"""Smallest step between blocks of readings, in usual steps: jitter makes none so long."""
 
 
 @dataclass(frozen=True)
@@ -215,13 +215,13 @@ def _lateness(steps: Stamps, period: float) -> float:
     return -period * float(np.median(np.quantile(behind, EARLIEST, axis=1)))
 
 
-def packets_apart(stamps: Stamps) -> float:
-    """Distance [s] of packets whose readings are stamped together on arrival, 0 if there are none.
+def blocks_apart(stamps: Stamps) -> float:
+    """Distance [s] of blocks whose readings are stamped together on arrival, 0 if there are none.
 
-    Packets have equal numbers of readings, and most of the time lies between them.
+    Blocks have equal numbers of readings, and most of the time lies between them.
     """
     steps = spread_changes(stamps)
-    ends = np.flatnonzero(steps > BETWEEN_PACKETS * np.median(steps))
+    ends = np.flatnonzero(steps > BETWEEN_BLOCKS * np.median(steps))
     if ends.size < MIN_NEW or steps[ends].sum() < 0.5 * steps.sum():
         return 0.0
     readings = np.diff(ends)

@@ -56,7 +56,7 @@ def same(series):
     return series
 
 
-def in_packets(stamps):
+def in_blocks(stamps):
     """Ten readings are stamped when the last one arrives, a microsecond after each other."""
     number = np.arange(stamps.size)
     return stamps[np.minimum(number // 10 * 10 + 9, stamps.size - 1)] + 1000 * (number % 10)
@@ -68,8 +68,8 @@ def in_packets(stamps):
     (PROBE, np.zeros_like, same, 'all stamps are zero'),
     (PROBE, lambda stamps: stamps // 50_000_000 * 50_000_000, same, 'stops at times'),
     (PROBE, lambda stamps: stamps + 60_000_000_000, same, 'overlap'),
-    (PROBE, lambda stamps: in_packets(stamps), same, 'is stamped in packets'),
-    (LOAD_TOPIC, lambda stamps: in_packets(stamps), same, 'is stamped in packets'),
+    (PROBE, lambda stamps: in_blocks(stamps), same, 'come in blocks, '),
+    (LOAD_TOPIC, lambda stamps: in_blocks(stamps), same, 'come in blocks, '),
     (PROBE, same, lambda values: values * 1e3, 'millimetres'),
     (PROBE, same, lambda values: values * 1e6, 'micrometres'),
     (LOAD_TOPIC, same, lambda values: 2.5 * values, 'of the rig file (from -24.5 kN to 368 kN'),
