@@ -322,11 +322,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     topics, guards = zip(*(_guarded_topic(record, name, rig or load_rig())
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
-    for raw in topics:
-        if pause := logger_quality.blocks_apart(raw.stamps):
-            raise BagError(f'{where}: the stamps of {raw.topic} come in blocks, '
-                           f'{quantity(pause, "s")} apart: stamp each sample when it is taken and '
-                           'not when its block arrives')
+    for raw in probes:
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps, used, published = aligned_record(load.samples, [raw.samples for raw in probes])
     for rows in scratch.blocks(len(load), gaps, used, published):
@@ -336,6 +332,11 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     possible = _possible_record(record, rig or load_rig())
     qualities = {name: topic_quality(possible[name].stamps, possible[name].values)
                  for name in RIG_TOPICS}
+    blocks = [f'the stamps of {name} come in blocks, {quantity(one.pause, "s")} apart: stamp each '
+              'sample when it is taken and not when its block arrives'
+              for name, one in qualities.items() if one.pause]
+    if any(one.has_equal_blocks for one in qualities.values()):
+        raise BagError(f'{where}: {blocks[0]}')
     findings: list[str] = [*record.notes, *filter(None, [facts.details.get('recorder_note')])]
     if absent and rig is not None:
         findings.append(Finding(
@@ -383,7 +384,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
-            'start and stop all recordings together')
+            + (blocks or ['start and stop all recordings together'])[0])
     assert facts.test is not None
     assert facts.elevation_deg is not None
     others = {name: align(load.stamps, record[name].stamps, record[name].values)

@@ -114,14 +114,12 @@ how a change of a change follows the one before: by -0.64 in the loud third, as 
 and by -0.33 in the quiet one. Noise that swells by itself has -0.67 in both, a line near half of
 the rate -1."""
 
-
 EVEN_STAMPS, EARLIEST = 200, 0.02
 """Stamps of a stretch in which a clock is even, and share of them that count as the earliest."""
 
 NEAR_WHOLE, MIN_WHOLE = 0.25, 0.95
 """Distance of a step from whole periods, in periods, and share of steps up to this distance from
 which on longer steps are of missing samples: stamps of arrival lie anywhere."""
-
 
 BETWEEN_BLOCKS = 10.0
 """Smallest step between blocks of readings, in usual steps: jitter makes none so long."""
@@ -144,6 +142,8 @@ class TopicQuality:
     limit: tuple[float, int] = (math.nan, 0)  # value, count, where a limit repeats an extreme
     alternates: float = 0.0  # difference of every second reading, 0 if it can be noise
     lateness: float = 0.0  # [s] of the mean stamp behind the earliest ones of an even clock
+    pause: float = 0.0  # [s] between blocks of readings, in which most of the time lies; 0: none
+    has_equal_blocks: bool = False
 
     @property
     def is_held(self) -> bool:
@@ -182,6 +182,7 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     runs = _runs(values)
     # A coarse converter repeats its largest reading, too.
     is_fine = resolution <= COARSE_SHARE * noise
+    pause, is_equal = _blocks(steps, period)
     return TopicQuality(
         rate=rate, mean_rate=math.nan if longest > 1.9 * period else mean_rate,
         repeated=repeated, update_rate=update_rate, resolution=resolution, noise=noise,
@@ -191,7 +192,7 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
         stall=(0, 0) if held else _stall(values, new, runs, resolution),
         limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0),
         alternates=0.0 if held else _alternates(seen, resolution),
-        lateness=1e-9 * _lateness(steps, period))
+        lateness=1e-9 * _lateness(steps, period), pause=1e-9 * pause, has_equal_blocks=is_equal)
 
 
 def _lateness(steps: Stamps, period: float) -> float:
@@ -215,18 +216,19 @@ def _lateness(steps: Stamps, period: float) -> float:
     return -period * float(np.median(np.quantile(behind, EARLIEST, axis=1)))
 
 
-def blocks_apart(stamps: Stamps) -> float:
-    """Distance [s] of blocks whose readings are stamped together on arrival, 0 if there are none.
+def _blocks(steps: Stamps, period: float) -> tuple[float, bool]:
+    """Pause between blocks of readings that are stamped together, and whether blocks are equal.
 
-    Blocks have equal numbers of readings, and most of the time lies between them.
+    The pause has the unit of the steps. It is 0 if less than half of the time lies between blocks,
+    and of one long pause.
     """
-    steps = spread_changes(stamps)
-    ends = np.flatnonzero(steps > BETWEEN_BLOCKS * np.median(steps))
-    if ends.size < MIN_NEW or steps[ends].sum() < 0.5 * steps.sum():
-        return 0.0
+    ends = np.flatnonzero(steps > BETWEEN_BLOCKS * period)
+    if ends.size < 2 or steps[ends].sum() < 0.5 * steps.sum():
+        return 0.0, False
     readings = np.diff(ends)
-    is_even = np.mean(np.abs(readings - np.median(readings)) <= 1.0) > EVEN_SHARE
-    return 1e-9 * float(np.median(steps[ends])) if is_even else 0.0
+    is_equal = ends.size >= MIN_NEW and bool(
+        np.mean(np.abs(readings - np.median(readings)) <= 1.0) > EVEN_SHARE)
+    return float(np.median(steps[ends])), is_equal
 
 
 def _runs(values: Floats) -> NDArray[np.int64]:

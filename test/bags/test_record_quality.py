@@ -5,7 +5,7 @@ import pytest
 
 from saddlering_ros.doubts.readings import clock_findings, quality_findings
 from saddlering_ros.quantities import quantity
-from saddlering_ros.record.quality import blocks_apart, doubtful_lag, topic_quality
+from saddlering_ros.record.quality import doubtful_lag, topic_quality
 
 STEP, NOISE, RATE = 30.5e-9, 0.3e-6, 1000.0
 
@@ -62,7 +62,7 @@ def test_stamps_of_arrival_are_told_and_lost_samples_are_not_late():
     assert clock_findings(late, [late] * 4, 8.0) == []
     paused = np.where(np.arange(stamps.size) < 500, stamps, stamps + 60_000_000_000)
     for sound in (stamps, arrived, stamps[kept], paused):
-        assert blocks_apart(sound) == 0.0
+        assert topic_quality(sound, values[:sound.size]).pause == 0.0
 
 
 def test_single_spikes_are_found_each_and_nothing_else():
