@@ -182,6 +182,10 @@ class _Search:
         """Whether a run shows damping."""
         return any(run.test != 'static' for run in self.runs)
 
+    def is_too_quiet(self, sound_factor: float) -> bool:
+        """Whether a misfit is less than noise can leave, so that the noise is not known."""
+        return self.has_dynamic and sound_factor < MIN_SOUND
+
     @property
     def cancelled(self) -> bool:
         return self.is_cancelled is not None and self.is_cancelled()
@@ -245,8 +249,8 @@ def identify(runs: Sequence[Record], rig: Rig, settings: IdentificationSettings 
     has_waves = any(shares.get('raceway_waves', 0.0) > MIN_WAVE_SHARE
                     for shares in found.budget.values())
     is_sound = found.sound_factor <= MAX_SOUND and not has_waves
-    is_quiet = search.has_dynamic and found.sound_factor < MIN_SOUND
-    if found.cancelled or is_sound or is_quiet or search.settings.method == 'paper':
+    if found.cancelled or is_sound or search.settings.method == 'paper' or (
+            search.is_too_quiet(found.sound_factor)):
         return found
     try:
         beside = _beside_errors(search, found)
@@ -470,7 +474,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             f'{trust.sound_factor:.2f} times what noise and small errors of a sound ring leave: '
             f'intervals are widened and may be biased ({advice}; it finds none where smooth '
             'errors of the contact law, delays or noise of the load can explain this)')
-    if search.has_dynamic and trust.sound_factor < MIN_SOUND:
+    if search.is_too_quiet(trust.sound_factor):
         words.append(TOO_QUIET.format(trust.sound_factor))
     if trust.waves.rms:
         words.append(
