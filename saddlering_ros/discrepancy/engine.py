@@ -190,21 +190,25 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
     elif answer.verdict == 'unknown' and (run := parts.odd_run(
             (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
-    changed: list[str] = []
-    if answer.verdict in ('named', 'ambiguous') and strict.space.problem.assumptions.exact_laws:
-        space, alone = answer.search.space, [  # Another member of a group may keep its size.
-            cause for cause in answer.published.causes if len(cause.group) == 1]
-        if not answer.is_beside_error:
-            changed = parts.unsteady_sizes(
-                space, answer.search.fit, alone, counts_interval=False)
-        answer = answer.doubted(changed)
-        more, is_doubt = parts.changed_sizes(space, answer.published, answer.remainder)
-        answer = answer.doubted(more) if is_doubt else answer.noted(*more)
-        changed += more
+    answer, changed = _of_one_size(answer)
     if answer.verdict == 'unknown':  # Learnt model error takes what a bound leaves.
         answer = answer.noted(*publishing.base_at_bounds(strict.space.problem, strict.fit))
     return answer, stability, answer.verdict == 'unknown' and bool(
         unshared or changed or is_better or established.other_laws(answer.search))
+
+
+def _of_one_size(answer: Answer) -> tuple[Answer, list[str]]:
+    """An answer whose established causes keep their size, and sentences on those that do not."""
+    space, fit = answer.search.space, answer.search.fit
+    if answer.verdict not in ('named', 'ambiguous') or not space.problem.assumptions.exact_laws:
+        return answer, []
+    # Another member of a group may keep its size.
+    alone = [cause for cause in answer.published.causes if len(cause.group) == 1]
+    unlike = [] if answer.is_beside_error else parts.unsteady_sizes_alone(space, fit, alone)
+    answer = answer.doubted(unlike)
+    changed, is_doubt = parts.changed_sizes(space, answer.published, answer.remainder)
+    answer = answer.doubted(changed) if is_doubt else answer.noted(*changed)
+    return answer, [*unlike, *changed]
 
 
 def _causes_of(answer: Answer, steady: Sequence[results.Cause], *,

@@ -7,7 +7,7 @@ with half and twice the model error, and with stretches drawn again. No refit ne
 because fits keep their residuals and sensitivities.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -113,22 +113,38 @@ class _Parts:
                 float(weights.sum() ** -0.5))
 
 
-def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause],
-                   counts_interval: bool = True) -> list[str]:
+def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
+    """A sentence for every cause, beside learnt model error, that needs unlike sizes.
+
+    Sizes may differ by the stated interval, too: the error that is learnt depends on the cause.
+    """
+    stated = {}
+    for cause in causes:
+        size = cause.parameters[cause.definition.size.name]
+        # A published size of zero allows any.
+        stated[cause.effect] = size.std / max(
+            abs(size.value - cause.definition.neutral), 1e-6 * size.std, 1e-300)
+    return _unlike_sizes(space, fit, stated, trials=1)
+
+
+def unsteady_sizes_alone(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
+    """The same of causes beside noise alone, whose intervals are in the sizes of each part."""
+    return _unlike_sizes(
+        space, fit, {cause.effect: 0.0 for cause in causes}, trials=2 * len(causes))
+
+
+def _unlike_sizes(space: ModelSpace, fit: Fit, intervals: Mapping[str, float],
+                  trials: int) -> list[str]:
     """A sentence for every cause that needs another size in each run, or in each channel.
 
     A law has one size wherever it acts. The size of a stand-in follows the conditions. Sizes that
-    differ by more than model error and, beside what is learnt of it, the stated interval explain
-    are those of another law.
+    differ by more than model error and the interval of the cause, a share of its size, explain are
+    those of another law. trials: chances by which one of these tests is wrong.
     """
-    stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
-    sentences, titles, trials = [], space.problem.titles, 1 if counts_interval else 2 * len(causes)
+    sentences, titles = [], space.problem.titles
     for (effect, _, indices), change in zip(fit.parts, space.changes_of(fit).T, strict=True):
-        if (size := stated.get(effect.id)) is None:
+        if (interval := intervals.get(effect.id)) is None:
             continue
-        # A published size of zero allows any.
-        interval = counts_interval * size.std / max(
-            abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
         for place, kind in enumerate(('run', 'channel')):
             parts = _Parts.by(
                 place, space.metric, space.tangent_of(fit).white, fit, indices.start, change)
