@@ -367,15 +367,18 @@ def test_a_clock_of_one_radial_probe_moves_the_parity_while_the_load_moves():
     assert 'a clock, a delay or a drift of one of them' in note
 
 
-def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(tmp_path,
-                                                                                   recording):
+@pytest.mark.parametrize('sizes', [(25, 25), (10, 40)])
+def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(
+        tmp_path, recording, sizes):
     changed = recording
     for number, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS)):
-        place = np.arange(recording.stamps[topic].size)
-        late = (place // 25 + 1) * 50_000_000 + 3_000_000 * number
-        changed = changed.changed(topic, stamps=recording.stamps[topic][0] + late
-                                  + place % 25 * 10_000)
-    with pytest.raises(BagError, match=r'come in blocks, 49.8 ms apart.* stamp each sample when'):
+        count = recording.stamps[topic].size
+        block = np.repeat(np.arange(count), np.resize(sizes, count))[:count]
+        late = (block + 1) * 50_000_000 + 3_000_000 * number
+        within = np.arange(count) - np.searchsorted(block, block)
+        changed = changed.changed(
+            topic, stamps=recording.stamps[topic][0] + late + within * 10_000)
+    with pytest.raises(BagError, match=r'come in blocks, 49.. ms apart.* stamp each sample when'):
         read_run(changed.write(tmp_path / 'bag'))
 
 

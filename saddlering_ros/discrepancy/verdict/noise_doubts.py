@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import ModelSystem
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.search.lack_of_fit import is_noise_alone
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.estimation import record_noise
@@ -84,62 +85,81 @@ def with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> resu
     return unestablished(told, is_more=bool(under)) if under or doubts else told
 
 
+@dataclass(frozen=True)
+class _Learnt:
+    """Channels of a declared machine whose noise is learnt, in the problem of a diagnosis."""
+
+    system: ModelSystem
+    problem: Problem
+
+    @property
+    def channels(self) -> dict[str, int]:
+        """Place of each by its name."""
+        return {name: number for number, name in enumerate(self.system.channel_names)
+                if self.system.model.channels[name].noise.learns_from_residuals}
+
+    def metric(self, noise: Mapping[str, Noise], fit: Fit) -> Metric:
+        """The metric of the residual of a fit with another noise in these channels."""
+        other, channels = copy(self.system), self.system.model.channels
+        other.model = replace(self.system.model, channels={**channels, **{
+            name: replace(channels[name], noise=own) for name, own in noise.items()}})
+        return noise_metric(replace(self.problem, assumptions=other.assumptions()), fit.prediction)
+
+    def alike(self, noise: Noise, fit: Fit) -> tuple[Metric, dict[str, list[ChannelNoise]]]:
+        """The metric with one noise in all, and what it is for each of them in each run."""
+        metric = self.metric(dict.fromkeys(self.channels, noise), fit)
+        return metric, {name: [metric.sensors[run.name, place] for run in self.problem.runs]
+                        for name, place in self.channels.items()}
+
+    def walks(self, fit: Fit) -> str:
+        """Declarations of random walks beside which a fit leaves nothing; '' if it does."""
+        longest, walks = max(float(np.ptp(run.time)) for run in self.problem.runs), {}
+        for name, each in self.alike(WANDERING, fit)[1].items():
+            walk = np.mean([_squared_walk(one) for one in each]) ** 0.5
+            if walk * longest**0.5 >= self.problem.settings.materiality:
+                scale = self.system.scales[self.channels[name]]
+                walks[name] = float(f'{scale * walk:.2g}')
+        noise = {name: Noise.unknown(walk) for name, walk in walks.items()}
+        if not walks or not is_noise_alone(self.metric(noise, fit).with_offsets(), fit):
+            return ''
+        return wording.joined([
+            f'{name}: Noise.unknown(walk={walk:.2g})' for name, walk in walks.items()])
+
+    def relaxations(self, fit: Fit) -> str:
+        """Correlation times by which noise leaves a fit nothing; '' if it does or is a drift."""
+        metric, noise = self.alike(ONE_RELAXATION, fit)
+        times = {name: [float(one.time_constants.max(initial=0.0)) for one in each]
+                 for name, each in noise.items()}
+        longest = [record_noise.longest_relaxation(float(np.ptp(run.time)))
+                   for run in self.problem.runs]
+        is_drift = any(np.greater_equal(each, longest).any() for each in times.values())
+        if is_drift or not is_noise_alone(metric.with_offsets(), fit):
+            return ''
+        return wording.joined([
+            f'{quantity(max(each), self.problem.time_unit, digits=2)} in {name}'
+            for name, each in times.items()])
+
+
 def with_slow_noise(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same with a warning if a misfit shows nothing but what slow noise would show.
 
     Noise is learnt from the fast part of a residual, and is assumed to have a flat spectrum below.
     Slower noise then looks like a cause that no catalogue holds.
     """
-    learnt = {name: channel for name, channel in system.model.channels.items()
-              if channel.noise.learns_from_residuals}
-    if diagnosis.verdict != 'unknown' or not learnt:
-        return diagnosis
     fits = diagnosis.fits
     problem, base = fits.metric.problem, fits.before
-
-    def of_channels(noise: Mapping[str, Noise], fit: Fit) -> Metric:
-        """The metric of the residual of a fit with another noise in these channels."""
-        slower = copy(system)
-        slower.model = replace(system.model, channels={**system.model.channels, **{
-            name: replace(learnt[name], noise=own) for name, own in noise.items()}})
-        return noise_metric(replace(problem, assumptions=slower.assumptions()), fit.prediction)
-
-    longest = [float(np.ptp(run.time)) for run in problem.runs]
-
-    def in_runs(metric: Metric) -> dict[str, list[ChannelNoise]]:
-        return {name: [metric.sensors[run.name, number] for run in problem.runs]
-                for number, name in enumerate(system.channel_names) if name in learnt}
-
-    def wandering(fit: Fit) -> str:
-        """Declarations of random walks beside which a fit leaves nothing; '' if it does."""
-        wander, walks = of_channels(dict.fromkeys(learnt, WANDERING), fit), {}
-        for (name, each), scale in zip(in_runs(wander).items(), [
-                scale for name, scale in zip(system.channel_names, system.scales, strict=True)
-                if name in learnt], strict=True):
-            walk = np.mean([_squared_walk(one) for one in each]) ** 0.5
-            if walk * max(longest) ** 0.5 >= problem.settings.materiality:
-                walks[name] = float(f'{scale * walk:.2g}')
-        noise = {name: Noise.unknown(walk) for name, walk in walks.items()}
-        is_alone = walks and is_noise_alone(of_channels(noise, fit).with_offsets(), fit)
-        return wording.joined([f'{name}: Noise.unknown(walk={walk:.2g})'
-                               for name, walk in walks.items()]) if is_alone else ''
-
-    metric = of_channels(dict.fromkeys(learnt, ONE_RELAXATION), base)
-    times = {name: [float(one.time_constants.max(initial=0.0)) for one in each]
-             for name, each in in_runs(metric).items()}
-    is_drift = any(np.greater_equal(
-        each, [*map(record_noise.longest_relaxation, longest)]).any() for each in times.values())
-    if not is_drift and is_noise_alone(metric.with_offsets(), base):
-        note = wording.SLOW_NOISE.format(wording.joined([
-            f'{quantity(max(each), problem.time_unit, digits=2)} in {name}'
-            for name, each in times.items()]))
+    learnt = _Learnt(system, problem)
+    if diagnosis.verdict != 'unknown' or not learnt.channels:
+        return diagnosis
+    if words := learnt.relaxations(base):
+        note = wording.SLOW_NOISE.format(words)
     elif diagnosis.residual_before.slow.p_value >= problem.settings.error_rate:
         return diagnosis  # What held-out runs alone show is no noise of the fitted ones.
-    elif walks := wandering(base):
-        note = wording.WANDERING.format(walks)
-    elif diagnosis.causes and (walks := wandering(fits.after)):
+    elif words := learnt.walks(base):
+        note = wording.WANDERING.format(words)
+    elif diagnosis.causes and (words := learnt.walks(fits.after)):
         return replace(diagnosis, warnings=(wording.BESIDE_WANDERING.format(
-            diagnosis.causes[0].definition.title, walks), *diagnosis.warnings))
+            diagnosis.causes[0].definition.title, words), *diagnosis.warnings))
     else:
         return diagnosis
     chances = diagnosis.probabilities if diagnosis.causes else OPEN
