@@ -345,9 +345,9 @@ by up to 15 stated deviations then, without a word. A probe that picks up the ma
 and no error."""
 
 TOO_QUIET = ('the misfit is {:.2f} times the noise, less than noise can leave: the probes move '
-             'while the load stands still, as they do where one of them is filtered more or '
-             'stamped later, or where probes pick up the mains: values and intervals may be '
-             'wrong; record all channels with the same filter and clock')
+             'while the load stands still, as they do where load or probes are filtered more or '
+             'stamped later than the other, or where probes pick up the mains: values and '
+             'intervals may be wrong; record all channels with the same filter and clock')
 
 UNDETERMINED = 'not determined by these data'
 
