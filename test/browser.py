@@ -15,6 +15,7 @@ import pytest
 
 FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
          '--disable-background-networking', '--disable-component-update', '--disable-sync',
+         '--disable-renderer-backgrounding', '--disable-backgrounding-occluded-windows',
          '--disable-dev-shm-usage', '--hide-scrollbars', '--window-size=1280,900',
          '--remote-debugging-port=0')
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')

@@ -37,11 +37,23 @@ def page(tmp_path_factory, made_once):
         tab.open(file.as_uri())
         tab.wait('document.documentElement.dataset.charts === "ready"')
         tab.run('document.querySelectorAll("details").forEach((it) => { it.open = true; })')
-        figures = tab.run('document.querySelectorAll("figure").length')
-        for place in range(figures):
-            tab.run(f'document.querySelectorAll("figure")[{place}].scrollIntoView()')
-            tab.wait(f'document.querySelectorAll("figure")[{place}].classList.contains("drawn")')
+        tab.moved = moved_while_drawn(tab, 'document.querySelectorAll("figure")[2]')
+        for place in range(tab.run('document.querySelectorAll("figure").length')):
+            figure = f'document.querySelectorAll("figure")[{place}]'
+            # A reader keeps in view what is to be drawn.
+            tab.wait(f'{figure}.scrollIntoView(), {figure}.classList.contains("drawn")')
         yield tab
+
+
+def moved_while_drawn(tab, figure):
+    """How far a figure moved on the screen from its picture to its plot [px]."""
+    tab.run(f'{figure}.scrollIntoView()')
+    tab.wait(f'{figure}.classList.contains("drawn")')
+    return tab.run(f'{figure}.getBoundingClientRect().top')
+
+
+def test_a_figure_that_is_drawn_stays_where_it_was_on_the_screen(page):
+    assert page.moved == pytest.approx(0.0, abs=2.0)
 
 
 def test_it_opens_without_errors_and_asks_nobody_for_anything(page):
