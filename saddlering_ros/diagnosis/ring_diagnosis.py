@@ -66,49 +66,17 @@ def diagnose_ring(
     top = max(float(np.nanmax(run.load)) for run in runs)
     if top <= rig.limits.identification_min:
         raise DiagnosisError(str(small_load(runs[0], rig, top)))
-    records = [*(build_record(rig, run, held_out=False) for run in runs),
-               *(build_record(rig, run, held_out=True) for run in hold_out)]
-    records = [replace(record, run=replace(record.run, name=name)) for record, name in zip(
-        records, own_names(record.run.name for record in records), strict=True)]
-    fitted = [record.run for record in records if not record.run.held_out]
+    records = _records_of(runs, hold_out, rig)
     watch = Watch('diagnose', on_progress, is_cancelled)
     watch.progress('contact parameters', 0.0)
-    alone: Identification | str  # the contact law of these runs without causes, or why none
-    try:
-        alone = identify_plain(runs, rig, is_cancelled=is_cancelled)
-    except IdentificationError as refusal:
-        alone = str(refusal)
+    alone = _law_alone(runs, rig, is_cancelled)
     if not isinstance(alone, str):
-        if alone.cancelled:
-            raise Cancelled('diagnose: cancelled')
         parameters = parameters or alone.parameters
-    start = None
-    if parameters is not None:
-        start = dict(zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
-    system = RingSystem(rig, told=prepared.cut_off_probes(fitted, rig))
-    diagnose = partial(
-        discrepancy.diagnose, runs=fitted,
-        hold_out=[record.run for record in records if record.run.held_out],
-        proposals=propose(rig, fitted), is_cancelled=is_cancelled)
-    diagnosis = diagnose(system, start=start, settings=Settings(seed=seed),
-                         on_progress=on_progress)
-    of_waves: list[str] = []
-    if diagnosis.verdict != 'none':
-        beside_waves = partial(
-            diagnose, settings=Settings(seed=seed, nearly_all_times=BESIDE_WAVES),
-            on_progress=on_progress and (lambda report: on_progress(
-                replace(report, stage=f'beside waves: {report.stage}'))))
-        diagnosis, of_waves = _beside_waves(system, records, diagnosis, beside_waves, watch)
+    system = RingSystem(rig, told=prepared.cut_off_probes(
+        [record.run for record in records if not record.run.held_out], rig))
+    diagnosis, of_waves = _diagnosed(system, records, parameters, seed, watch)
     if diagnosis.verdict == 'none' and all(run.test == 'static' for run in runs):
-        # Static runs do not determine D, which is fitted to each held-out dynamic run.
-        problem = diagnosis.fits.metric.problem
-        dynamic = {one.run.name for one in records if one.test_run.test == 'dynamic'}
-        own = {run.name: problem.simulate(run, [fit.point])[0] for run, _, fit in
-               discrepancy.refits_to_held_out(problem, diagnosis.fits.after)
-               if run.name in dynamic}
-        diagnosis = replace(diagnosis, runs=tuple(
-            replace(one, before=own[one.run.name], after=own[one.run.name])
-            if one.run.name in own else one for one in diagnosis.runs))
+        diagnosis = _with_own_damping(diagnosis, records)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))
@@ -116,12 +84,7 @@ def diagnose_ring(
         diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = [*of_waves, *_notes(records, rig, diagnosis, law.refusal)]
-    # With a probe so coarse, a residual within noise may be rounding.
-    is_coarse = any(one.is_coarse for run in figures
-                    for one in run.record.test_run.quality.values())
-    if diagnosis.verdict == 'unknown' and is_coarse and all(
-            misfit.nrmse_before <= misfit.noise_floor
-            for run in figures for misfit in run.channels.values()):
+    if diagnosis.verdict == 'unknown' and _is_rounding(figures):
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
@@ -148,6 +111,68 @@ def diagnose_ring(
         diagnosis = diagnosis.in_doubt()
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return verdict.Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
+
+
+def _records_of(runs: Sequence[Record], hold_out: Sequence[Record],
+                rig: Rig) -> list[PreparedRecord]:
+    """Fitted and held-out runs in the form of the engine, each with a name of its own."""
+    records = [*(build_record(rig, run, held_out=False) for run in runs),
+               *(build_record(rig, run, held_out=True) for run in hold_out)]
+    return [replace(record, run=replace(record.run, name=name)) for record, name in zip(
+        records, own_names(record.run.name for record in records), strict=True)]
+
+
+def _law_alone(runs: Sequence[Record], rig: Rig,
+               is_cancelled: IsCancelled | None) -> Identification | str:
+    """The contact law of runs without causes, or why there is none."""
+    try:
+        alone = identify_plain(runs, rig, is_cancelled=is_cancelled)
+    except IdentificationError as refusal:
+        return str(refusal)
+    if alone.cancelled:
+        raise Cancelled('diagnose: cancelled')
+    return alone
+
+
+def _diagnosed(
+    system: RingSystem, records: Sequence[PreparedRecord], parameters: ParameterSet | None,
+    seed: int, watch: Watch,
+) -> tuple[Diagnosis, list[str]]:
+    """The diagnosis from a start of the contact law; with notes if raceways may wave."""
+    fitted = [record.run for record in records if not record.run.held_out]
+    start = None if parameters is None else dict(
+        zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
+    diagnose = partial(
+        discrepancy.diagnose, runs=fitted,
+        hold_out=[record.run for record in records if record.run.held_out],
+        proposals=propose(system.rig, fitted), is_cancelled=watch.is_cancelled)
+    even = diagnose(system, start=start, settings=Settings(seed=seed),
+                    on_progress=watch.on_progress)
+    if even.verdict == 'none':
+        return even, []
+    on_progress = watch.on_progress
+    return _beside_waves(system, records, even, partial(
+        diagnose, settings=Settings(seed=seed, nearly_all_times=BESIDE_WAVES),
+        on_progress=on_progress and (lambda report: on_progress(
+            replace(report, stage=f'beside waves: {report.stage}')))), watch)
+
+
+def _with_own_damping(diagnosis: Diagnosis, records: Sequence[PreparedRecord]) -> Diagnosis:
+    """Predictions of dynamic held-out runs with D of each, which static runs do not determine."""
+    problem = diagnosis.fits.metric.problem
+    dynamic = {one.run.name for one in records if one.test_run.test == 'dynamic'}
+    own = {run.name: problem.simulate(run, [fit.point])[0] for run, _, fit in
+           discrepancy.refits_to_held_out(problem, diagnosis.fits.after) if run.name in dynamic}
+    return replace(diagnosis, runs=tuple(
+        replace(one, before=own[one.run.name], after=own[one.run.name])
+        if one.run.name in own else one for one in diagnosis.runs))
+
+
+def _is_rounding(runs: Sequence[verdict.RunFigures]) -> bool:
+    """Whether a residual may be the rounding of a coarse probe: all of it is within noise."""
+    is_coarse = any(one.is_coarse for run in runs for one in run.record.test_run.quality.values())
+    return is_coarse and all(misfit.nrmse_before <= misfit.noise_floor
+                             for run in runs for misfit in run.channels.values())
 
 
 def _is_usual(

@@ -349,25 +349,9 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         if raw.topic != absent:
             findings += [*raw.notes, *_probe_findings(raw, aligned)]
     for raw, guard in zip(topics, guards, strict=True):
-        counts = guard.counters.refused
-        if raw.topic != absent and counts:
-            words = ', '.join(f'{counted_name(number, reason)}{guard.limits.words(reason)}'
-                              for reason, number in counts.items())
-            findings.append(Finding(
-                f'{counted(sum(counts.values()), "sample is|samples are")} refused, as live nodes '
-                f'do ({words}): validity marks what is interpolated across them, and '
-                'identification and diagnosis leave it out', raw.topic))
-        if raw.topic != absent and guard.counters.doubtful_load:
-            findings.append(Finding(
-                f'{counted(guard.counters.doubtful_load, "sample lies|samples lie")} behind a '
-                'step that the hydraulics cannot make in its time (rig.full_scale_time), as when '
-                'a counter rolls over: validity marks what is simulated by them, and '
-                'identification and diagnosis leave it out', raw.topic))
-    lowest, _, highest = _measured_elevation(record)
-    if highest - lowest > ELEVATION_TOLERANCE_DEG:
-        findings.append(Finding(
-            f'the barrel moved from {lowest:.2f} to {highest:.2f} deg, and the test counts as one '
-            'at the stated elevation: repeat it with the barrel at rest', ELEVATION.name))
+        if raw.topic != absent:
+            findings += _refused_findings(raw.topic, guard)
+    findings += _moved_barrel(record)
     for name, quality in qualities.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
@@ -400,6 +384,34 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         probe_marks=_marks_of(guards[1:], load.stamps),
         load_marks=_marks_of(guards[:1], load.stamps, to_next=True), has_one_clock=not apart,
         absent=0 if rig is None else rig.probes.absent)
+
+
+def _refused_findings(name: str, guard: SampleGuard) -> list[Finding]:
+    """What the live nodes refuse of a topic, and loads that the hydraulics cannot make."""
+    findings, counts = [], guard.counters.refused
+    if counts:
+        words = ', '.join(f'{counted_name(number, reason)}{guard.limits.words(reason)}'
+                          for reason, number in counts.items())
+        findings.append(Finding(
+            f'{counted(sum(counts.values()), "sample is|samples are")} refused, as live nodes '
+            f'do ({words}): validity marks what is interpolated across them, and '
+            'identification and diagnosis leave it out', name))
+    if guard.counters.doubtful_load:
+        findings.append(Finding(
+            f'{counted(guard.counters.doubtful_load, "sample lies|samples lie")} behind a '
+            'step that the hydraulics cannot make in its time (rig.full_scale_time), as when '
+            'a counter rolls over: validity marks what is simulated by them, and '
+            'identification and diagnosis leave it out', name))
+    return findings
+
+
+def _moved_barrel(record: RawRecord) -> list[Finding]:
+    lowest, _, highest = _measured_elevation(record)
+    if not highest - lowest > ELEVATION_TOLERANCE_DEG:  # NaN without an inclinometer
+        return []
+    return [Finding(
+        f'the barrel moved from {lowest:.2f} to {highest:.2f} deg, and the test counts as one '
+        'at the stated elevation: repeat it with the barrel at rest', ELEVATION.name)]
 
 
 def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, SampleGuard]:
