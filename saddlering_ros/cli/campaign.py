@@ -1,13 +1,23 @@
 """`saddlering campaign`: diagnose all bags of a folder and compare the rings."""
 
+from __future__ import annotations
+
 import argparse
+from collections.abc import Sequence
 import json
+from pathlib import Path
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
 from saddlering_ros.errors import counted
+
+if TYPE_CHECKING:
+    from saddlering_ros.campaign.sessions import Session
+    from saddlering_ros.campaign.store import Status, Store
+    from saddlering_ros.fleet.attention import Fleet
 
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
@@ -57,13 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.campaign.store import CampaignError, Store
 
     if str(args.folder) == 'status' and args.store is not None:
-        status = Store(args.store).read_status()
-        state = 'running' if status.running else 'finished' if status.done == status.total else (
-            'stopped: repeat the command to continue')
-        if status.running and time.time() - status.updated > STALE:
-            state = 'no sign of life for a minute: repeat the command to continue'
-        print(f'{status}; {state}')
-        return 0
+        return _show_status(args.store)
 
     from saddlering_ros.campaign import running, sessions, task
     from saddlering_ros.campaign.tables import write_fleet, write_tables
@@ -78,30 +82,9 @@ def run(args: argparse.Namespace) -> int:
                             'for the results')
     load_rig(args.rig)
     limits = limits_from_text(args.limit)
-    with Bar() as bar:
-        bags = sessions.find_bags(
-            args.folder, lambda count: bar.show('find', 0.0, counted(count, 'bag')))
-    if not bags:
-        raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
-    if args.manifest is not None:
-        grouped = sessions.read_manifest(args.manifest, bags)
-    else:
-        grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
-        if args.hold_out is not None and not any(
-                one.of_role(sessions.HOLD_OUT) for one in grouped):
-            raise CampaignError(f'--hold-out {args.hold_out:g}: no session has a test at this '
-                                'elevation beside one at another: correct it, or leave it out')
+    grouped = _sessions_of(args)
     if args.json != '-':
-        show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
-            (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
-                f'{bag.path.name}: {bag.note}' for bag in one.bags if bag.note))
-            for one in grouped[:MAX_SHOWN]], texts=6)
-        if len(grouped) > MAX_SHOWN:
-            print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
-        print(', '.join([
-            f'{counted(len(grouped), "session")} of '
-            f'{counted(len({one.ring for one in grouped}), "ring")}',
-            counted(sum(len(one.bags) for one in grouped), 'bag')]))
+        _show_sessions(grouped)
     if args.plan:
         return 0
     store = Store(args.out)
@@ -122,16 +105,64 @@ def run(args: argparse.Namespace) -> int:
     write_tables(store, tasks)
     fleet = write_fleet(store, tasks, limits)
     if not tell_json(args, json.loads((store.folder / 'fleet.json').read_text())):
-        for drift in fleet.rigs:
-            print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
-        for ring in [ring for ring in fleet.rings if ring.reasons][:MAX_SHOWN]:
-            print(f'ring {ring.ring}: {"; ".join(ring.reasons)}')
-        words = (f'{summary.done} of {counted(summary.total, "session")} with a result, '
-                 f'{summary.computed} of them new; written: {store.folder / "report.html"}')
-        if summary.failed:
-            words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
-        if summary.altered:
-            words += (f'; {len(summary.altered)} result files were damaged or altered and are '
-                      f'computed again, first {summary.altered[0]}')
-        print(words)
+        _show_results(fleet, summary, store)
     return 1 if summary.faults else 0
+
+
+def _show_status(folder: Path) -> int:
+    from saddlering_ros.campaign.store import Store
+
+    status = Store(folder).read_status()
+    state = 'running' if status.running else 'finished' if status.done == status.total else (
+        'stopped: repeat the command to continue')
+    if status.running and time.time() - status.updated > STALE:
+        state = 'no sign of life for a minute: repeat the command to continue'
+    print(f'{status}; {state}')
+    return 0
+
+
+def _sessions_of(args: argparse.Namespace) -> list[Session]:
+    """The bags of the folder as sessions, by the manifest or by their gaps in time."""
+    from saddlering_ros.campaign import sessions
+    from saddlering_ros.campaign.store import CampaignError
+
+    with Bar() as bar:
+        bags = sessions.find_bags(
+            args.folder, lambda count: bar.show('find', 0.0, counted(count, 'bag')))
+    if not bags:
+        raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
+    if args.manifest is not None:
+        return sessions.read_manifest(args.manifest, bags)
+    grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
+    if args.hold_out is not None and not any(one.of_role(sessions.HOLD_OUT) for one in grouped):
+        raise CampaignError(f'--hold-out {args.hold_out:g}: no session has a test at this '
+                            'elevation beside one at another: correct it, or leave it out')
+    return grouped
+
+
+def _show_sessions(grouped: Sequence[Session]) -> None:
+    show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
+        (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
+            f'{bag.path.name}: {bag.note}' for bag in one.bags if bag.note))
+        for one in grouped[:MAX_SHOWN]], texts=6)
+    if len(grouped) > MAX_SHOWN:
+        print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
+    print(', '.join([
+        f'{counted(len(grouped), "session")} of '
+        f'{counted(len({one.ring for one in grouped}), "ring")}',
+        counted(sum(len(one.bags) for one in grouped), 'bag')]))
+
+
+def _show_results(fleet: Fleet, summary: Status, store: Store) -> None:
+    for drift in fleet.rigs:
+        print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
+    for ring in [ring for ring in fleet.rings if ring.reasons][:MAX_SHOWN]:
+        print(f'ring {ring.ring}: {"; ".join(ring.reasons)}')
+    words = (f'{summary.done} of {counted(summary.total, "session")} with a result, '
+             f'{summary.computed} of them new; written: {store.folder / "report.html"}')
+    if summary.failed:
+        words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
+    if summary.altered:
+        words += (f'; {len(summary.altered)} result files were damaged or altered and are '
+                  f'computed again, first {summary.altered[0]}')
+    print(words)

@@ -88,19 +88,9 @@ def play(args: argparse.Namespace,
         usable_facts(record.path, record.facts, None, None)
     for note in (*record.notes, *(note for name in record for note in record[name].notes)):
         print(f'note: {note}', file=sys.stderr)
-    trusted = {'trust_rig': args.trust_rig}
-    simulator: dict[str, Any] = dict(trusted)
-    if args.params is not None:
-        arguments.read_model(args)
-        simulator['parameters_file'] = str(args.params)
-    if args.elevation is not None:
-        simulator['elevation_deg'] = args.elevation
     domain = arguments.domain_of(args)
     length = (record.stop - record.start) / 1e9
-    clock: dict[str, Any] = dict(trusted)
-    if not args.rate:
-        step = SAMPLES_PER_STEP * length / max(len(record[LOAD_TOPIC]), 1)
-        clock['window'] = min(max(MIN_STEP, step), MAX_STEP)
+    parameters = _parameters(args, length, len(record[LOAD_TOPIC]))
     nodes = (*launcher.RING_NODES, *launcher.ALARM_NODES) if args.alarm else launcher.RING_NODES
     with contextlib.ExitStack() as stack:
         recorder = None
@@ -114,12 +104,10 @@ def play(args: argparse.Namespace,
             recorder = stack.enter_context(recording(
                 args.record, domain, facts=facts.as_text() if is_stated else {},
                 overwrite=args.overwrite, namespace=namespace_of(args.namespace)))
-            clock['participants'] = [*launcher.REPLAY_NODES, *nodes, NAME]
+            parameters['replay_clock']['participants'] = [*launcher.REPLAY_NODES, *nodes, NAME]
         group = stack.enter_context(launcher.start_nodes(
             bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
-            parameters={**dict.fromkeys(launcher.REPLAY_NODES, trusted),
-                        'ring_simulator': simulator, 'replay_clock': clock},
-            files=[] if args.rig is None else [args.rig],
+            parameters=parameters, files=[] if args.rig is None else [args.rig],
             namespace=namespace_of(args.namespace)))
         if args.json != '-':
             print(f'replaying {args.bag} ({length:.1f} s) in ROS domain {domain}; Ctrl-C ends it',
@@ -148,6 +136,25 @@ def play(args: argparse.Namespace,
     return {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
             'recorded': None if args.record is None else str(args.record), 'messages': counts,
             'alarm': alarm}
+
+
+def _parameters(args: argparse.Namespace, length: float, loads: int) -> dict[str, dict[str, Any]]:
+    """Parameters of the nodes for a bag of this length [s] with so many loads."""
+    from saddlering_ros.ros import launcher
+
+    trusted = {'trust_rig': args.trust_rig}
+    simulator: dict[str, Any] = dict(trusted)
+    if args.params is not None:
+        arguments.read_model(args)
+        simulator['parameters_file'] = str(args.params)
+    if args.elevation is not None:
+        simulator['elevation_deg'] = args.elevation
+    clock: dict[str, Any] = dict(trusted)
+    if not args.rate:
+        step = SAMPLES_PER_STEP * length / max(loads, 1)
+        clock['window'] = min(max(MIN_STEP, step), MAX_STEP)
+    return {**dict.fromkeys(launcher.REPLAY_NODES, trusted),
+            'ring_simulator': simulator, 'replay_clock': clock}
 
 
 def _wait(group: Any, deadline: float, seconds: float | None,
