@@ -147,9 +147,14 @@ make_environment() {
   mark_done environment "$wanted"
 }
 
-# pip, given exact versions: nothing is left to resolve.
+# pip, given exact versions: nothing is left to resolve. As root it fails where its cache cannot be
+# written, as in a container with a home that is read-only.
 install() {
-  "$python" -m pip install --disable-pip-version-check --no-input --no-deps "$@"
+  local cache options=()
+  cache=$("$python" -m pip cache dir)
+  mkdir -p "$cache" 2> /dev/null && [ -w "$cache" ] || options=(--no-cache-dir)
+  "$python" -m pip install --disable-pip-version-check --no-input --no-deps \
+    ${options[@]+"${options[@]}"} "$@"
 }
 
 install_locked() { # stamp, lock file, words to show

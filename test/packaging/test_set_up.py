@@ -66,6 +66,21 @@ def test_an_old_python3_beside_a_usable_one_is_passed_over(project):
     assert 'python3.11 cannot make environments' in set_up(project, path).stderr
 
 
+@pytest.mark.parametrize(('cache', 'is_kept'), [('/proc/none', False), ('cache', True)])
+def test_a_cache_of_pip_that_cannot_be_written_is_not_used(project, cache, is_kept):
+    """As root pip does not look, and built no wheel in a container with a read-only home."""
+    python = (f'case "$*" in *version_info*) echo 3.12;; *"-m venv"*) mkdir -p .venv/bin; '
+              f'cp "$0" .venv/bin/python;; *"cache dir"*) echo {cache};; '
+              '*"pip install"*) echo "$*"; exit 1;; *sysconfig*) echo .;; esac')
+    (project / 'Python.h').touch()
+    path = programs(project / 'bin', python3=python, gcc='exit 0', **{'g++': 'exit 0'})
+    for name in ('cp', 'grep', 'mkdir', 'rm', 'tail'):
+        (project / 'bin' / name).symlink_to(shutil.which(name))
+    said = set_up(project, path).stderr
+    assert 'pip install' in said
+    assert ('--no-cache-dir' in said) != is_kept
+
+
 @pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'python').is_file(),
                     reason='this is not an environment that set-up made')
 def test_a_second_set_up_finds_nothing_to_do():
