@@ -58,7 +58,8 @@ def test_a_worker_that_is_cancelled_raises_as_the_api_does_with_the_law_that_is_
     try:
         with pytest.raises(Cancelled) as late:
             worker.run(request, lambda progress: told.append(progress.task),
-                       lambda: 'validate' in told, identification_job.patience)
+                       lambda: 'validate' in told,
+                       lambda progress: 12.0 * identification_job.patience(progress))
         assert late.value.partial.parameters.contact.K1 > 0.0
         assert not late.value.partial.offered
         with pytest.raises(Cancelled) as early:

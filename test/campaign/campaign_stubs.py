@@ -65,9 +65,9 @@ def on_another_rig(task: SessionTask) -> dict[str, Any]:
 
 
 def slowly(task: SessionTask) -> dict[str, Any]:
-    """The same after a while."""
+    """The same after a while, and never for an endless ring."""
     mark(task)
-    time.sleep(0.4)
+    time.sleep(3600.0 if task.ring == 'endless' else 0.4)
     return answer(task)
 
 

@@ -1,5 +1,6 @@
 """A recording is whole: what has come is in the bag, and the bag is closed before the network."""
 
+from collections.abc import Callable
 import math
 from pathlib import Path
 import re
@@ -20,6 +21,7 @@ from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags.reader import bag_info
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.bags.write import write_bag
+from saddlering_ros.cli import record
 from saddlering_ros.cli.main import main
 from saddlering_ros.cli.record import Silence
 from saddlering_ros.live import recorder
@@ -123,14 +125,24 @@ def test_a_fault_of_the_recorder_is_told(ros_domain, tmp_path, monkeypatch) -> N
     assert recorded(tmp_path / 'bag') == []
 
 
+@pytest.fixture
+def end(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Ends `saddlering record`, as Ctrl-C does; the handlers of the test run stay."""
+    handlers: dict[int, Any] = {}
+    monkeypatch.setattr(signal, 'signal', handlers.__setitem__)
+    return lambda: handlers[signal.SIGINT](signal.SIGINT, None)
+
+
 def test_a_topic_of_the_rig_that_never_came_is_noted_at_the_end_of_a_recording(
-        publisher: Publisher, ros_domain: int, tmp_path: Path, monkeypatch: Any,
+        publisher: Publisher, ros_domain: int, tmp_path: Path, end: Callable[[], None],
         capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(signal, 'signal', lambda number, handler: None)  # of the test run
-    sending = threading.Thread(target=publisher.send, args=(SOUND,))
+    def send() -> None:
+        publisher.send(SOUND)
+        end()
+
+    sending = threading.Thread(target=send)
     sending.start()
-    words = ['record', str(tmp_path / 'bag'), '--domain', str(ros_domain), '--duration', '3']
-    assert main(words) == 0
+    assert main(['record', str(tmp_path / 'bag'), '--domain', str(ros_domain)]) == 0
     sending.join()
     told = capsys.readouterr()
     assert told.err.startswith('note: nothing was received on /rig/eddy_current_1,')
@@ -148,10 +160,15 @@ def test_a_topic_that_stops_while_others_go_on_is_noted_during_the_recording() -
 
 def test_a_recording_tells_when_load_and_probes_arrive(
         publisher: Publisher, ros_domain: int, tmp_path: Path, monkeypatch: Any,
-        capsys: pytest.CaptureFixture[str]) -> None:
+        end: Callable[[], None]) -> None:
     """It said "recording", and drivers were found 2.4 s later: the begin of a test was lost."""
-    monkeypatch.setattr(signal, 'signal', lambda number, handler: None)  # of the test run
     probes = [RawPublisher(publisher.node, probe.name, Range) for probe in PROBES]
+    told: list[str] = []
+
+    def say(words: str, **_: Any) -> None:
+        told.append(words)
+        if len(told) == 2:
+            end()
 
     def send() -> None:
         for out, topic in zip((*probes, publisher.load), (*PROBES, LOAD), strict=True):
@@ -159,11 +176,11 @@ def test_a_recording_tells_when_load_and_probes_arrive(
             samples = Samples(np.arange(1, 6) * 1_000_000, np.ones(5), 0.0, 2.0)
             out.send(encode_samples(samples, topic), 0)
 
+    monkeypatch.setattr(record, 'print', say, raising=False)
     sending = threading.Thread(target=send)
     sending.start()
-    words = ['record', str(tmp_path / 'bag'), '--domain', str(ros_domain), '--duration', '5']
-    assert main(words) == 0
+    assert main(['record', str(tmp_path / 'bag'), '--domain', str(ros_domain)]) == 0
     sending.join()
-    first, second, _ = capsys.readouterr().out.splitlines()
+    first, second, _ = told
     assert first.startswith('recording ROS domain')
     assert re.fullmatch(r'load and probes arrive, [0-9.]+ s after the start', second)
