@@ -8,13 +8,13 @@ import numpy as np
 
 from saddlering_ros.doubts import FAULT, Finding
 from saddlering_ros.doubts.on_rig import units_of_preload
-from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
+from saddlering_ros.doubts.readings import block_words, check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError, counted
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import align, Floats, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
-from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.quality import between_blocks, white_noise
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.geometry import mirrored_gap
@@ -168,6 +168,10 @@ def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float |
     if back:
         findings.fault(f'{counted(back, "stamp goes|stamps go")} back: publish samples in the '
                        'order of their measurement')
+        return
+    pause, are_blocks = between_blocks(steps, float(np.median(steps)))
+    if are_blocks:
+        findings.fault(f'stamps {block_words(pause / 1e9)}')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():

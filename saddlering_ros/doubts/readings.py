@@ -198,6 +198,12 @@ def _guess_unit(typical: float, low: float, high: float) -> str:
     return min(inside, default=(0.0, 'another unit'))[1]
 
 
+def block_words(pause: float) -> str:
+    """What is said of stamps in blocks with a pause [s] between them."""
+    return (f'come in blocks, {quantity(pause, "s")} apart: stamp each sample when it is taken '
+            'and not when its block arrives')
+
+
 def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Finding]:
     """What makes a topic's readings doubtful."""
     findings = []
@@ -332,8 +338,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     possible = _possible_record(record, rig or load_rig())
     qualities = {name: topic_quality(possible[name].stamps, possible[name].values)
                  for name in RIG_TOPICS}
-    blocks = [f'the stamps of {name} come in blocks, {quantity(one.pause, "s")} apart: stamp each '
-              'sample when it is taken and not when its block arrives'
+    blocks = [f'the stamps of {name} {block_words(one.pause)}'
               for name, one in qualities.items() if one.pause]
     if any(one.has_equal_blocks for one in qualities.values()):
         raise BagError(f'{where}: {blocks[0]}')

@@ -182,7 +182,7 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     runs = _runs(values)
     # A coarse converter repeats its largest reading, too.
     is_fine = resolution <= COARSE_SHARE * noise
-    pause, is_equal = _blocks(steps, period)
+    pause, is_equal = between_blocks(steps, period)
     return TopicQuality(
         rate=rate, mean_rate=math.nan if longest > 1.9 * period else mean_rate,
         repeated=repeated, update_rate=update_rate, resolution=resolution, noise=noise,
@@ -216,17 +216,18 @@ def _lateness(steps: Stamps, period: float) -> float:
     return -period * float(np.median(np.quantile(behind, EARLIEST, axis=1)))
 
 
-def _blocks(steps: Stamps, period: float) -> tuple[float, bool]:
+def between_blocks(steps: Stamps | Floats, period: float, least: int = MIN_NEW,
+                   ) -> tuple[float, bool]:
     """Pause between blocks of readings that are stamped together, and whether blocks are equal.
 
-    The pause has the unit of the steps. It is 0 if less than half of the time lies between blocks,
-    and of one long pause.
+    The pause has the unit of the steps and of their usual one, the period. It is 0 if less than
+    half of the time lies between blocks, and of one long pause. least: pauses that show equality.
     """
     ends = np.flatnonzero(steps > BETWEEN_BLOCKS * period)
     if ends.size < 2 or steps[ends].sum() < 0.5 * steps.sum():
         return 0.0, False
     readings = np.diff(ends)
-    is_equal = ends.size >= MIN_NEW and bool(
+    is_equal = ends.size >= least and bool(
         np.mean(np.abs(readings - np.median(readings)) <= 1.0) > EVEN_SHARE)
     return float(np.median(steps[ends])), is_equal
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
-from saddlering_ros.doubts.readings import unit_outside
+from saddlering_ros.doubts.readings import block_words, unit_outside
 from saddlering_ros.errors import counted, counted_name
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
+from saddlering_ros.record.quality import between_blocks
 from saddlering_ros.ros.parameters import HARDWARE_ID
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -24,6 +25,9 @@ STATE_TASK, ACTIVE = 'state', 'active'
 
 ENOUGH_INTERVALS = 8
 """So many intervals of one period have a median of their own."""
+
+MIN_BLOCKS = 3
+"""So many equal blocks of one period show that stamps come in blocks."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +104,14 @@ class StreamTask(Kept):
         steps = np.diff(np.append(self.last, stamps)) / 1e9
         self.last = np.append(self.last, stamps)[-1:]
         forward = steps[steps > 0.0]
-        long = forward[:0]
+        long, pause, are_blocks = forward[:0], 0.0, False
         if len(forward):
             middle = float(np.median(forward))
             are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
             limit = max(GAP_FLOOR_NS / SECOND,
                         GAP_PERIODS * (middle if are_enough else self._median))
             long = forward[forward > limit]
+            pause, are_blocks = between_blocks(forward, middle, MIN_BLOCKS)
             self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
         late, longest = int((steps < 0.0).sum()), float(long.max(initial=0.0))
         rate = len(stamps) / elapsed if elapsed > 0.0 else 0.0
@@ -121,6 +126,8 @@ class StreamTask(Kept):
         if not len(stamps):
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
             words += '' if self.source == self.topic else f' on {self.source}'
+        elif are_blocks:
+            words = f'stamps {block_words(pause)}'
         elif len(long):
             words = f'{counted(len(long), "gap")} in the stamps, longest {longest:.3g} s'
         elif late:

@@ -66,6 +66,8 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
     (LOAD_TOPIC, lambda one: replace(one, stamps=0 * one.stamps), 'stamps are not set'),
     (LOAD_TOPIC, lambda one: replace(one, stamps=np.repeat(one.stamps[::10], 10)),
      'each sample of a block with its own time'),
+    (LOAD_TOPIC, lambda one: replace(one, stamps=one.stamps[::10].repeat(10) + np.tile(
+        1000 * np.arange(10), len(one) // 10)), 'stamps come in blocks, 20.0 ms apart: stamp'),
     (LOAD_TOPIC, lambda one: replace(one, stamps=np.r_[one.stamps[-1:], one.stamps[:-1]]),
      '1 stamp goes back'),
     (FIRST_PROBE, without(500, 600), '1 gap in the stamps, longest 0.202 s'),

@@ -73,6 +73,17 @@ def test_the_next_test_at_another_rate_has_no_gaps() -> None:
     assert (found.level, found.figures['period by stamps [ms]']) == (OK, '40')
 
 
+@pytest.mark.parametrize(('pause', 'words'), [(100, '100.0'), (4, '3.99')])
+def test_stamps_in_blocks_are_told_as_such_and_not_as_gaps(pause: int, words: str) -> None:
+    """Commands refuse the record; live, pauses of 4 ms were sound and those of 100 ms gaps."""
+    task = StreamTask('/rig/hydraulic_load')
+    task.push((START + pause * MS * np.arange(20)[:, None] + 1000 * np.arange(10)).ravel())
+    found = task.report(1.0)
+    assert (found.level, found.words) == (WARN, (
+        f'stamps come in blocks, {words} ms apart: stamp each sample when it is taken and not '
+        'when its block arrives'))
+
+
 def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
     task = diagnostics.SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
     task.push(np.array([1e-3, np.nan, np.inf]))
