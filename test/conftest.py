@@ -111,6 +111,17 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     lease.close()
 
 
+@pytest.fixture(autouse=True)
+def _own_signals() -> Iterator[None]:
+    """A command that a test runs in this process leaves the signals of the run as they were."""
+    before = {number: signal.getsignal(number)
+              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+
+
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let reports have their words alone: a picture takes 0.3 s of processor time."""

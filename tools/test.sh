@@ -27,12 +27,14 @@ said=$(mktemp)
 (exec "${pytest[@]}" -m ros --numprocesses 0 "${@:-${with_nodes[@]}}") > "$said" 2>&1 &
 nodes=$!
 end_nodes() {
-  kill -INT "$nodes" 2> /dev/null
-  for _ in {1..100}; do
-    kill -0 "$nodes" 2> /dev/null || break
-    sleep 0.1
+  local number
+  for number in INT TERM KILL; do  # a command under test takes one of them for its own
+    kill "-$number" "$nodes" 2> /dev/null || break
+    for _ in {1..100}; do
+      kill -0 "$nodes" 2> /dev/null || break
+      sleep 0.1
+    done
   done
-  kill -TERM "$nodes" 2> /dev/null
   rm -f "$said"
 }
 trap end_nodes EXIT
