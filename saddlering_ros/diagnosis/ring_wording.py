@@ -22,8 +22,7 @@ from saddlering_ros.rig.units import stiffnesses_per_millimetre
 Shares = dict[str, float]
 
 MAIN_SIZE = 0.25
-"""Share of the largest size of a cause from which the headline tells another one too: a quarter.
-"""
+"""Share of the largest size of a cause from which the headline tells another one, too."""
 
 
 class TotalReductionEntry(ReductionEntry):
@@ -297,7 +296,8 @@ def size_of(cause: CauseEntry) -> str:
     """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
 
     Of several sizes those that move most, each as a multiple of its typical size, without what
-    its 95 % interval leaves open. Of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
+    its 95 % interval leaves open: all of a place of several parts of which one alone is sure. Of
+    a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
     """
     fitted, effect, moved = sizes_of(cause), catalogue().get(cause['effect']), {}
     for parameter in effect.parameters if effect is not None else ():
@@ -307,6 +307,9 @@ def size_of(cause: CauseEntry) -> str:
             moved[parameter.name] = max(sure, 0.0) / parameter.scale
     most = max(moved.values(), default=0.0)
     main = [name for name in moved if most and moved[name] >= MAIN_SIZE * most]
+    parts = {name for one in (effect.variants if effect else ()) for name in one.frees}
+    if len(main) == 1 and not parts & {*main}:
+        main = [name for name in moved if name in parts or name in main]
     sizes = _size_words(cause['effect'], {name: fitted[name] for name in main or list(fitted)[:1]})
     words = ' '.join(filter(None, (place_of(cause), ', '.join(sizes))))
     if _is_line(cause['effect']):
