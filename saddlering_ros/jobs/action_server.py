@@ -39,7 +39,7 @@ ANSWER_PERIOD = 0.05
 
 ANSWERS_AT_ONCE = 5  # half of the queue of a client
 
-FAREWELL = 0.3
+FAREWELL = 1.0
 """Time [s] that a server stays after its end was requested, so that the result of its last goal is
 sent: callbacks of the executor send it, and send lost packets again."""
 
