@@ -199,6 +199,18 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     assert answer.probabilities['unknown'] > 0.85
 
 
+@pytest.mark.parametrize('declared', [0.0, 0.05])
+def test_what_the_base_imitates_acts_beside_a_cause_as_the_cause_and_is_no_doubt(declared):
+    """A gain of the gauge is one of the spring, and beside friction one of the friction too."""
+    def gauged(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'seen': (1.0 + parameters['gauge.gain']) * simulate(parameters, run)['seen']}
+
+    effects = {**MODEL.effects, 'gauge': Effect('Gauge', {'gain': Parameter(-0.5, 0.5)})}
+    channels = {'seen': Channel(model_error=declared)}
+    answer = found(0.3, 0.02, replace(MODEL, simulate=gauged, effects=effects, channels=channels))
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
+
+
 def diagnosed_in_two_views(both: Callable[[dict[str, float], Run], dict[str, np.ndarray]],
                            run_of: Callable[[int], Run], rate: Parameter) -> Diagnosis:
     """Three runs fitted and one held out; the model has friction and a view `other`."""

@@ -77,9 +77,11 @@ def shared_directions(search: Search) -> list[str]:
     """A sentence for a cause if another effect, of any size and sign, would act beside it alike.
 
     Where these data show one direction beyond the base, an effect that is in no catalogue acts
-    along it too. Alternatives and laws that contain each other are one cause.
+    along it too. Alternatives and laws that contain each other are one cause. What the base
+    imitates acts beside a cause as the cause: a gain of a gauge scales it, and adds nothing.
     """
     space, fit, problem = search.space, search.fit, search.space.problem
+    testable = {signature.effect.id for signature in search.begun.usable}
     white, base = space.tangent_of(fit).white, problem.system.base_parameters
     beyond = orthonormal(white[:, : len(base)])
     sentences = []
@@ -88,7 +90,7 @@ def shared_directions(search: Search) -> list[str]:
         same.update(*(other.candidate.ids for other in search.alternatives.get(effect.id, ())))
         tried = [(other, fit.candidate.plus(other, variant), start)
                  for other in problem.system.effects
-                 if other.id not in same and not effect.overlaps(other)
+                 if other.id in testable - same and not effect.overlaps(other)
                  for variant in range(len(other.variants)) for start in other.first_guesses]
         if not tried:
             continue
