@@ -182,6 +182,12 @@ def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_
     assert not any('noise' in item for item in answer.warnings)
 
 
+def test_a_rest_within_the_declared_error_is_no_form_of_a_law() -> None:
+    answer = found(0.03, 0.01, replace(MODEL, channels={'seen': Channel(model_error=0.003)}))
+    assert (answer.verdict, answer.complete) == ('named', True)
+    assert not any('idealised' in item for item in answer.warnings)
+
+
 @pytest.mark.parametrize('declared', [0.0, 0.05])
 def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_listed(declared):
     def alike(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:

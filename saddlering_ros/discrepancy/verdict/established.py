@@ -84,7 +84,8 @@ def judge_alone(search: Search, before: Residual, after: Residual, left: str,
     if open_members and len(ids) > evidence.MAX_WITH_ALTERNATIVES:
         doubts.append(wording.TOO_MANY.format(len(ids), wording.joined(open_members)))
     sentences = [*doubts, *fast]
-    if after.slow.is_real_and_material(settings) and not doubts:
+    if (after.slow.is_real_and_material(settings) and not doubts
+            and not space.problem.assumptions.exact_laws):
         sentences.insert(0, wording.OTHER_FORM.format(
             wording.remaining_words(share), after.slow.where))
     more, taken = list(published.doubts), published.shares.best
