@@ -25,7 +25,7 @@ from saddlering_ros.discrepancy.verdict.noise_doubts import (
     with_slow_noise,
 )
 from saddlering_ros.estimation.process import fisher_chance
-from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import compact, percent
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
@@ -54,9 +54,9 @@ def diagnose(
         model, runs, hold_out, settings=settings, start=start, proposals=proposals,
         watch=Watch('diagnose', on_progress, is_cancelled))
     diagnosis = diagnose_system(problem)
-    problem.watch.progress('verdict', 1.0)
     if isinstance(problem.system, ModelSystem):
-        return _finished(diagnosis, problem.system)
+        diagnosis = _finished(diagnosis, problem.system)
+    problem.watch.progress('verdict', 1.0)
     return diagnosis
 
 
@@ -108,8 +108,10 @@ def problem_of(
     return problem
 
 
+@one_blas_thread()
 def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
+    diagnosis.fits.metric.problem.watch.progress('doubts about the noise', 0.95)
     diagnosis = with_slow_noise(with_noise_doubts(diagnosis, system), system)
     few, has_code = _few_samples(diagnosis)
     if has_code and diagnosis.verdict != 'unknown':

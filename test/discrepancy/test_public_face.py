@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from sources import imported
+from threadpoolctl import threadpool_info
 
 import saddlering_ros
 from saddlering_ros import discrepancy
-from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy import Channel, diagnose, diagnosis, Effect, Model, Parameter, Run
 
 PACKAGE = Path(saddlering_ros.__file__).parent
 NAME = 'saddlering_ros.discrepancy'
@@ -356,12 +357,24 @@ def test_parameters_that_only_have_a_ratio_get_no_narrow_interval() -> None:
     assert seen['base mass'].endswith('cannot be told from the other base parameters')
 
 
-def test_the_last_report_of_progress_is_the_whole() -> None:
+def test_the_last_report_of_progress_is_the_whole(monkeypatch) -> None:
+    """Doubts about the noise took 20 s after a report of the whole, with all threads of BLAS."""
     shares: list[float] = []
+    after: list[tuple[float, set[int]]] = []
+    real = diagnosis.with_slow_noise
+
+    def with_slow_noise(*given: Any) -> Any:
+        threads = {one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'}
+        after.append((shares[-1], threads))
+        return real(*given)
+
+    monkeypatch.setattr(diagnosis, 'with_slow_noise', with_slow_noise)
     diagnose(lines(straight), [record(0), record(1)],
              on_progress=lambda said: shares.append(said.share))
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
+    assert after[0][0] < 1.0
+    assert after[0][1] <= {1}
 
 
 @pytest.mark.parametrize('error', [OSError, SystemExit])
