@@ -122,7 +122,7 @@ def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diag
         largest.setdefault(rest.channel, rest)
     warnings = (
         *_other_units(diagnosis.fits.metric.problem, diagnosis.fits.after),
-        *diagnosis.warnings, *few,
+        *_odd_readings(diagnosis), *diagnosis.warnings, *few,
         *(wording.BEYOND_DECLARED.format(
             name, rest.run, percent(rest.share_of_range), percent(errors[name]))
           for name, rest in largest.items() if errors[name] > 0.0),
@@ -283,6 +283,46 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
                     f'{one.run.time[order[0]]:.10g} {problem.time_unit}'.rstrip(),
                     percent(share)))
     return [*found.values()], has_code
+
+
+STANDING, MOSTLY = 4.0, 0.9
+"""Mean square misfit of samples that repeat the reading beside them over that of the others, from
+which on the sensor may have stood still there, and the share of such samples from which on the
+readings are coarse. Of rounded readings the first is about 1."""
+
+JUMP, MANY = 0.75, 8
+"""Share of the range of a run by which readings jump where an angle begins again, and the number
+of equal gaps between changes, to a sample, from which on a channel is a slower one."""
+
+
+def _odd_readings(diagnosis: results.Diagnosis) -> list[str]:
+    """A sentence for each channel of an open verdict whose readings are held, or begin again."""
+    problem, found = diagnosis.fits.metric.problem, dict[str, str]()
+    for one in diagnosis.runs if diagnosis.verdict == 'unknown' else ():
+        for simulated, readings, (name, scale) in zip(
+                one.after, one.run.channels, problem.view_ranges.items(), strict=True):
+            there = problem.sample_weights(one.run, name) > 0.0
+            time, read, seen = one.run.time[there], readings[there], simulated[there]
+            steps, least = np.diff(read), JUMP * np.ptp(read)
+            begins = np.flatnonzero((abs(steps) > least) & (abs(np.diff(seen)) < 0.5 * least))
+            gaps = np.diff(np.flatnonzero(steps))
+            still = np.r_[steps == 0.0, False] | np.r_[False, steps == 0.0]
+            powers = (seen - read) ** 2
+            held, rest = (float(powers[which].sum()) for which in (still, ~still))
+            many = still.mean() < MOSTLY and held > STANDING * rest * still.sum() / (~still).sum()
+            if begins.size > 1 and np.diff(begins).min() > 1:
+                words = wording.BEGINS_AGAIN.format(
+                    name, one.run.name, begins.size, f'{time[begins[0] + 1]:.6g}')
+            elif gaps.size >= MANY and gaps.min() > 1 and np.ptp(gaps) <= 1:
+                words = wording.SLOWER.format(name, one.run.name)
+            elif many and held > max(rest, (problem.settings.materiality * scale) ** 2):
+                words = wording.STANDS_STILL.format(
+                    name, one.run.name, still.sum(), still.size, f'{time[still.argmax()]:.6g}',
+                    percent(held / (held + rest)))
+            else:
+                continue
+            found.setdefault(name, words)
+    return [*found.values()]
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

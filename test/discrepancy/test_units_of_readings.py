@@ -105,3 +105,44 @@ def test_readings_in_the_right_unit_get_no_note(friction: float) -> None:
     assert not notes(answer)
     assert not any('the readings are' in line for line in check(
         model(), [record(turns, friction) for turns in (1.0, 2.5)]))
+
+
+def held(force: np.ndarray) -> np.ndarray:
+    return force[np.arange(force.size) // 7 * 7]
+
+
+def limited(force: np.ndarray) -> np.ndarray:
+    return np.clip(force, -150.0, 150.0)
+
+
+def frozen(force: np.ndarray) -> np.ndarray:
+    return np.where(abs(np.arange(force.size) - 200) < 30, force[170], force)
+
+
+def begun_again(force: np.ndarray) -> np.ndarray:
+    return np.mod(force + 200.0, 360.0)
+
+
+def rounded(force: np.ndarray) -> np.ndarray:
+    return 25.0 * np.round(force / 25.0)
+
+
+def bent(force: np.ndarray) -> np.ndarray:
+    return rounded(force + 0.01 * force**2)
+
+
+@pytest.mark.parametrize(('spoil', 'words'), [
+    (held, 'each reading is repeated: if the channel is slower'),
+    (limited, 'give NaN where the sensor stood still or was at its limit'),
+    (frozen, 'give NaN where the sensor stood still or was at its limit'),
+    (begun_again, 'unwrap an angle'), (rounded, None), (bent, None)])
+def test_readings_that_stand_still_or_begin_again_are_said_to(
+        spoil: Callable[[np.ndarray], np.ndarray], words: str | None) -> None:
+    """An angle that began again was said to be noise that wanders by 130 degrees."""
+    runs = [record(turns) for turns in (1.0, 2.5)]
+    answer = diagnose(model(), [
+        replace(run, outputs={**run.outputs, 'force': spoil(run.outputs['force'])})
+        for run in runs])
+    said = [item for item in answer.warnings
+            if 'is repeated' in item or 'repeat the' in item or 'unwrap' in item]
+    assert [words in item for item in said] == [True] if words else not said
