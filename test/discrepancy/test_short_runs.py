@@ -13,6 +13,9 @@ from saddlering_ros.discrepancy import (
     Parameter,
     Run,
 )
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests
+from saddlering_ros.discrepancy.search.space import prepare
 
 STD, SAMPLES = 0.03, 12
 
@@ -24,19 +27,26 @@ def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
     return {'seen': terms + parameters['step.size'] * (drive > 0.0)}
 
 
-def sound(seed: int) -> Diagnosis:
-    """Eight runs, each with the same drives in another order, with declared white noise."""
+MODEL = Model(
+    simulate, {f'c{power}': Parameter(-2, 2) for power in range(4)},
+    {'step': Effect('A step', {'size': Parameter(-1, 1)})},
+    {'seen': Channel(noise=Noise.white(STD))})
+
+
+def short_runs(seed: int, names: str = 'abcdefgh') -> list[Run]:
+    """Each with the same drives in another order, with declared white noise."""
     random, runs = np.random.default_rng(seed), []
-    for name in 'abcdefgh':
+    for name in names:
         drive = random.permutation(np.linspace(-1.0, 1.0, SAMPLES))
         run = Run(name, np.arange(SAMPLES) * 1.0, {'drive': drive}, {'seen': drive})
         true = simulate({'c0': 0.1, 'c1': 1.0, 'c2': 0.3, 'c3': 0.2, 'step.size': 0.0}, run)
         runs.append(Run(name, run.time, run.inputs, {
             'seen': true['seen'] + STD * random.normal(size=SAMPLES)}))
-    return diagnose(Model(
-        simulate, {f'c{power}': Parameter(-2, 2) for power in range(4)},
-        {'step': Effect('A step', {'size': Parameter(-1, 1)})},
-        {'seen': Channel(noise=Noise.white(STD))}), runs)
+    return runs
+
+
+def sound(seed: int) -> Diagnosis:
+    return diagnose(MODEL, short_runs(seed))
 
 
 @pytest.mark.parametrize('seed', [6, 28, 29])
@@ -54,3 +64,12 @@ def test_one_of_twelve_samples_may_hold_half_of_the_power_of_noise(seed: int) ->
 def test_a_small_slow_residual_takes_nothing_from_a_declared_level(seed: int) -> None:
     """A family of shapes had p = 5e-8 by a level of 0.2, and 0.9 by that of the declared noise."""
     assert sound(seed).verdict == 'none'
+
+
+def test_many_runs_cost_as_much_as_each_and_not_their_cube(monkeypatch) -> None:
+    """The shapes of 200 short runs, which share no samples, were one matrix: 5 s of silence."""
+    metric = prepare(problem_of(MODEL, short_runs(1, 'abcdefghijklmnopqrst'))).metric
+    widths, eigh = [], np.linalg.eigh
+    monkeypatch.setattr(np.linalg, 'eigh', lambda gram: widths.append(len(gram)) or eigh(gram))
+    LackOfFitTests(metric, 12)
+    assert (len(widths), max(widths)) == (20, 4)

@@ -19,6 +19,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY
 from saddlering_ros.discrepancy.problem.fits import Fit, refit, run_refits, Tangent, tangent
@@ -108,6 +109,18 @@ class FastResidual(Structure):
     powers: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
+def _principal(gram: Array) -> tuple[Array, Array]:
+    """Eigenvalues and vectors of products of columns, by groups of columns that share samples.
+
+    All columns of 200 short runs at once took 5 s.
+    """
+    count, groups = connected_components(gram != 0.0, directed=False)
+    values, vectors = np.zeros(len(gram)), np.zeros_like(gram)
+    for own in (np.flatnonzero(groups == number) for number in range(count)):
+        values[own], vectors[np.ix_(own, own)] = np.linalg.eigh(gram[np.ix_(own, own)])
+    return values, vectors
+
+
 class LackOfFitTests:
     """Shapes that are evaluated once for a set of runs and used for every fit."""
 
@@ -128,8 +141,8 @@ class LackOfFitTests:
         self._structure = BlockColumns(metric, blocks, start)
         gram = self._structure.gram.copy()
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
-        values, vectors = np.linalg.eigh(gram)
-        kept = values > 1e-8 * values[-1]
+        values, vectors = _principal(gram)
+        kept = values > 1e-8 * values.max()
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
         # Mean square of the fitted structure under noise alone over the range, per view and run.
