@@ -330,6 +330,9 @@ SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0
 those until a cause is named. No residual tells which it will be: a cause may hide in noise that
 is learnt, and a sound machine may have a model error."""
 
+MAX_RESIDUALS = 20
+"""Residuals that a check tells, the largest beside the noise: 200 runs had 400 lines."""
+
 TIMED = 3
 """Tries of which the shortest counts: other programs lengthen one."""
 
@@ -348,6 +351,7 @@ class CheckReport(list[str]):
         return '\n'.join(self)
 
 
+@one_blas_thread()
 def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     """Units, sensitivities, invisible effects, residual over noise, estimated time."""
     problem = problem_of(model, runs)
@@ -366,15 +370,18 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     report += _base_lines(metric, fit)
     report += _effect_lines(metric, fit)
     # Whitened, a slow misfit of many times the noise would hide among fast samples.
-    residual = problem.by_run(fit.prediction - problem.measured)
+    residual, rows = problem.by_run(fit.prediction - problem.measured), list[tuple[float, str]]()
     for index, channel, _ in problem.slices:
         name, run = system.channel_names[channel], problem.runs[index]
         size = problem.mean_square(
             problem.freed(residual[index][channel], run, name), run, name) ** 0.5
-        noise = metric.noise_power(run, name) ** 0.5
-        report.append(f'{name} in {run.name}: the residual of the base fit is '
-                      f'{size / max(noise, systems.JITTER):.3g} times the noise, '
-                      f'{percent(size / problem.view_ranges[name])} of range')
+        times = size / max(metric.noise_power(run, name) ** 0.5, systems.JITTER)
+        rows.append((times, f'{name} in {run.name}: the residual of the base fit is {times:.3g} '
+                     f'times the noise, {percent(size / problem.view_ranges[name])} of range'))
+    least = sorted((times for times, _ in rows), reverse=True)[:MAX_RESIDUALS][-1]
+    report += [line for times, line in rows if times >= least]
+    if (more := len(rows) - MAX_RESIDUALS) > 0:
+        report.append(f'{more} further residuals are smaller beside the noise')
     seconds = (each + WHITENED * beside) * problem.usual_simulations
     sound, named, unfit = (
         compact(share * seconds, 2) for share in (SOUND_SHARE, 1.0, OPEN_FACTOR))

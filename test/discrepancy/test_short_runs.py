@@ -1,10 +1,13 @@
 """Claims on many short runs: what noise alone does to few samples is no sign of anything."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import (
     Channel,
+    check,
     diagnose,
     Diagnosis,
     Effect,
@@ -73,3 +76,13 @@ def test_many_runs_cost_as_much_as_each_and_not_their_cube(monkeypatch) -> None:
     monkeypatch.setattr(np.linalg, 'eigh', lambda gram: widths.append(len(gram)) or eigh(gram))
     LackOfFitTests(metric, 12)
     assert (len(widths), max(widths)) == (20, 4)
+
+
+def test_a_check_of_many_runs_tells_the_largest_residuals() -> None:
+    """Of 200 runs of two channels it had 400 lines, which hid those on units."""
+    runs = short_runs(1, 'abcdefghijklmnopqrstuvwxyz')
+    runs[7] = replace(runs[7], outputs={'seen': runs[7].outputs['seen'] + 1.0})
+    said = check(MODEL, runs)
+    lines = [line for line in said if 'times the noise' in line]
+    assert (len(lines), any(line.startswith('seen in h: ') for line in lines)) == (20, True)
+    assert '6 further residuals are smaller beside the noise' in said
