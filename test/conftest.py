@@ -122,6 +122,12 @@ def _own_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@pytest.fixture(scope='session', autouse=True)
+def _own_logs(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep the logs of nodes out of the user's home, which may be read-only."""
+    os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('ros_log'))
+
+
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let reports have their words alone: a picture takes 0.3 s of processor time."""
