@@ -78,6 +78,13 @@ def delay_of(stamps: Stamps, arrivals: Stamps) -> float:
     return float(np.quantile(arrivals - stamps, FRESHEST)) / 1e9
 
 
+def shared_words(steps: Stamps | Floats) -> str:
+    """What is said of samples with steps (N,) of which many have one stamp; '' of others."""
+    shared = int((steps == 0).sum())
+    return (f'{shared} of {len(steps)} samples have the stamp of the one before: stamp each '
+            'sample of a block with its own time') * (shared > SHARED_STAMPS * len(steps))
+
+
 def skew_findings(delays: Mapping[str, float]) -> list[Finding]:
     """A fault for each probe stamped by another clock than the load; delays [s] by topic."""
     skews = {name: delay - delays[LOAD_TOPIC] for name, delay in delays.items()}
@@ -159,9 +166,8 @@ def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float |
         return
     steps = np.diff(one.stamps)
     shared, back = int((steps == 0).sum()), int((steps < 0).sum())
-    if shared > SHARED_STAMPS * len(steps):
-        findings.fault(f'{shared} of {len(one)} samples have the stamp of the one '
-                       'before: stamp each sample of a block with its own time')
+    if words := shared_words(steps):
+        findings.fault(words)
         return
     if shared:
         findings.fault(f'{counted(shared, "sample has|samples have")} the stamp of the one before')

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from saddlering_ros.doubts.driver import delay_of
+from saddlering_ros.doubts.driver import delay_of, shared_words
 from saddlering_ros.doubts.readings import block_words, unit_outside
 from saddlering_ros.errors import counted, counted_name
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
@@ -126,6 +126,8 @@ class StreamTask(Kept):
         if not len(stamps):
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
             words += '' if self.source == self.topic else f' on {self.source}'
+        elif shared := shared_words(steps):
+            words = shared
         elif are_blocks:
             words = f'stamps {block_words(pause)}'
         elif len(long):

@@ -84,6 +84,16 @@ def test_stamps_in_blocks_are_told_as_such_and_not_as_gaps(pause: int, words: st
         'when its block arrives'))
 
 
+def test_samples_of_a_block_with_one_stamp_are_told_with_what_to_do() -> None:
+    """The stream was sound, and the events were "900 duplicates"."""
+    task = StreamTask('/rig/eddy_current_1')
+    task.push(np.repeat(START + 20 * MS * np.arange(50), 10))
+    found = task.report(1.0)
+    assert (found.level, found.words) == (WARN, (
+        '450 of 499 samples have the stamp of the one before: stamp each sample of a block with '
+        'its own time'))
+
+
 def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
     task = diagnostics.SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
     task.push(np.array([1e-3, np.nan, np.inf]))
