@@ -256,9 +256,10 @@ class ModelSpace:
     def _leapt(self, fit: Fit) -> Fit:
         """The same fit, or a better one that begins at another value of one of its shapes.
 
-        Of a switch, such as the time of a step, slopes tell what the next samples do.
+        Of a switch, such as the time of a step, slopes tell what the next samples do. What another
+        value leaves can be within the declared error, and another law then takes as much.
         """
-        for _ in range(MAX_LEAPS if self.leaves_misfit(fit) else 0):
+        for _ in range(MAX_LEAPS):
             places, misfits = self.leaps(fit)
             if misfits.min(initial=np.inf) > fit.misfit - self.real_gain():
                 break
