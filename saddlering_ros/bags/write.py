@@ -148,13 +148,13 @@ class BagWriter:
             self._name = f'{self.path.name}_0.mcap'  # the bag may be put elsewhere at its end
             self._file = McapWriter(
                 self._written / self._name, 'saddlering_ros', self._chunk_size)
-            if self._recorded:
-                self._kept = f'; the recording until then is readable in {self._written}'
             self._file.add_metadata(METADATA_RECORD, self.metadata)
             for name, topic in self._topics.items():
                 self._file.add_topic(name, topic['type'], self._definitions[topic['type']], {
                     'offered_qos_profiles': _text(topic['offered_qos_profiles']).strip(),
                     'topic_type_hash': topic['type_description_hash']})
+            if self._recorded:
+                self._kept = f'; the recording until then is readable in {self._written}'
         return self
 
     def write(self, blocks: Sequence['MessageBlock']) -> None:

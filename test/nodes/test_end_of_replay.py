@@ -18,7 +18,9 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags.reader import read_raw
+from saddlering_ros.bags.write import BagWriter
 from saddlering_ros.cli.main import main
+from saddlering_ros.errors import BagError
 from saddlering_ros.ros.launcher import NodeGroup, ros_arguments
 from saddlering_ros.ros.messages import LockstepGroup
 
@@ -82,6 +84,17 @@ def test_a_replay_whose_recording_meets_a_full_disk_says_so(
     assert not [line for line in said if 'incomplete' in line or 'fell behind' in line]
     shown = Path(re.findall(r'readable in (\S+)', said[-1])[0])
     assert shown.is_dir()
+
+
+def test_a_recording_that_cannot_begin_is_not_said_to_be_readable(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('saddlering_ros.bags.write.McapWriter.add_metadata', full)
+    with pytest.raises(BagError, match=r'on device\): choose another place$'), BagWriter(
+            tmp_path / 'recorded', {}, {}, recorded=True):
+        pass
 
 
 def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_not_kept() -> None:
