@@ -17,6 +17,7 @@ from unittest import mock
 from browser import browser_page
 from few_effects import few_effects
 import pytest
+from rosnet import ended
 from shared_pictures import DRAWN, drawn_once
 
 from benchmarks.examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
@@ -65,14 +66,14 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(tmp_path, capsys):
 
 
 def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
-    demo = start('--out', tmp_path / 'out', cwd=tmp_path)
-    deadline = time.monotonic() + 240.0
-    while len(children_of(demo.pid)) < 6 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    nodes = children_of(demo.pid)
-    assert len(nodes) >= 6
-    demo.send_signal(signal.SIGTERM)
-    said, _ = demo.communicate(timeout=60.0)
+    with start('--out', tmp_path / 'out', cwd=tmp_path) as demo, ended(demo):
+        deadline = time.monotonic() + 240.0
+        while len(children_of(demo.pid)) < 6 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        nodes = children_of(demo.pid)
+        assert len(nodes) >= 6
+        demo.send_signal(signal.SIGTERM)
+        said, _ = demo.communicate(timeout=60.0)
     assert 'saddlering_demo_run_' not in said  # its scratch, which is gone
     assert demo.returncode == 128 + signal.SIGTERM
     assert not [pid for pid in nodes if Path(f'/proc/{pid}').exists()]
