@@ -207,7 +207,7 @@ def _where(document: VerdictDocument) -> str:
             errors = math.hypot(item['noise_floor'], item.get('sound') or 0.0)
             cases.append((
                 item['nrmse_before'] / item['noise_floor'],
-                f'; the misfit is largest in {name} of {place}: {percent(item["nrmse_before"])} '
+                f'; furthest above noise is {name} of {place}: {percent(item["nrmse_before"])} '
                 f'of range, where noise alone gives {percent(item["noise_floor"])}'
                 + f', and noise with small errors {percent(errors)}' * may_be_none))
     ratio, where = max(cases, default=(0.0, ''))

@@ -217,6 +217,20 @@ def test_a_second_cause_whose_shape_is_at_its_bound_hinders_no_name(monkeypatch)
     assert not found.complete
 
 
+@pytest.mark.parametrize(('beside', 'verdict'), [('cubic', 'named'), ('friction', 'unknown')])
+def test_what_hinders_a_main_cause_beside_a_small_error_alone_refuses_no_name(
+    beside: str, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worn arc, a small error, made a static run worse, and damping with 96 % had no name."""
+    doubts_among = established.doubts_among
+    monkeypatch.setattr(established, 'main_among', lambda *_: ('friction', ['cubic']))
+    monkeypatch.setattr(established, 'doubts_among', lambda among, name, published: (
+        (['worse in run 1'], {}) if beside in [cause.effect for cause in published.causes]
+        else doubts_among(among, name, published)))
+    found = diagnosed({**SMALL, 'friction': 0.4, 'cubic': 0.06}, *SHAPES)
+    assert (found.verdict, found.causes[0].effect) == (verdict, 'friction')
+
+
 def test_second_causes_that_may_be_nothing_or_surely_predict_worse_are_small() -> None:
     """A drift of a probe that predicts worse took the name from the friction of a ring."""
     def cause(name: str, std: float, low: float) -> Cause:

@@ -319,6 +319,14 @@ def judge_among(strict: Search, among: Among, before: Residual,
         search, published = without(search, stopped - {main})
     doubts, group = doubts_among(among, main, published)
     left_out = {*small, *small_secondary_causes(published, main)}
+    if doubts and left_out:
+        # A small error can fit beside the others and make a run worse: what hinders the main cause
+        # does so among the causes alone.
+        fewer = without(search, left_out)
+        still, group_alone = doubts_among(among, main, fewer[1])
+        if not still:
+            (search, published), doubts, group = fewer, still, group_alone
+            left_out = {*small_secondary_causes(published, main)}
     if group:
         search = replace(search, alternatives={main: tuple(
             fitting.refit_base(space.metric, other.fit, {name}, rounds)
