@@ -386,7 +386,7 @@ def with_swapped_probes(point: Point) -> Point:
         probe = values.get('probe', 0.0)
         effect = catalogue().get(name)
         moves = effect is not None and effect.outcomes.get('swapped_probes') == MOVES
-        other = {'rate': values['opposite'], 'opposite': values['rate']} if probe > 4 else {
+        other = {'rate': values['sum'] - values['rate']} if probe > 4 else {
             'probe': (probe + 1) % 4 + 1}
         effects[name] = {**values, **other} if moves and probe else values
     return Point(point.base, effects)

@@ -23,12 +23,13 @@ class ProbeDrift(ProbeEffect):
     parameters = (
         EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0,
                         'drift per second, of probe 1 or 2 where two drift', amplitude=True),
-        EffectParameter('opposite', 'm/s', -5e-7, 5e-7, 1e-8, 0.0,
-                        'drift per second of the opposite probe, 3 or 4', amplitude=True))
+        EffectParameter('sum', 'm/s', -1e-6, 1e-6, 2e-8, 0.0,
+                        'sum of the drifts of two opposite probes per second; 0: the second one '
+                        'drifts as the first does, with the other sign', amplitude=True))
     variants = (
         *ProbeEffect.variants,
-        Variant('probes 1 and 3', {'probe': RADIAL}, ('delta_x', 'parity'), ('opposite',)),
-        Variant('probes 2 and 4', {'probe': AXIAL}, ('delta_y', 'gamma'), ('opposite',)))
+        Variant('probes 1 and 3', {'probe': RADIAL}, ('delta_x', 'parity'), ('sum',)),
+        Variant('probes 2 and 4', {'probe': AXIAL}, ('delta_y', 'gamma'), ('sum',)))
     choices = (Choice('probe', (1.0, 2.0, 3.0, 4.0, RADIAL, AXIAL),
                       'radial: 1 rear, 3 front, 13 both; axial: 2 front, 4 rear, 24 both'),)
 
@@ -38,4 +39,4 @@ class ProbeDrift(ProbeEffect):
             return replace(extension, probe_drift=at_probe(extension.probe_drift, probe, rate))
         first, second = divmod(probe, 10)
         one = at_probe(extension.probe_drift, first, rate)
-        return replace(extension, probe_drift=at_probe(one, second, values['opposite']))
+        return replace(extension, probe_drift=at_probe(one, second, values['sum'] - rate))

@@ -322,9 +322,9 @@ def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
      'share 8.7 ± 1.0 %, share_axial 10.87 ± 0.15 %'),
     ('tilt_friction', {'moment': (100.0, 60.0, 'N m'), 'force': (30.0, 40.0, 'N')},
      'moment 100 ± 60 N m'),
-    # The place, probes 1 and 3, would tell of two drifts of which one may be nothing.
-    ('probe_drift', {'rate': (3.35e-8, 1.8e-9, 'm/s'), 'opposite': (2e-10, 6e-10, 'm/s')},
-     'rate 33.5 ± 1.8 nm/s, opposite 0.20 ± 0.60 nm/s')])
+    # The rate of probe 1 alone would not tell what probe 3 does.
+    ('probe_drift', {'rate': (3.35e-8, 1.8e-9, 'm/s'), 'sum': (2e-10, 6e-10, 'm/s')},
+     'rate 33.5 ± 1.8 nm/s, sum 0.20 ± 0.60 nm/s')])
 def test_the_sizes_that_move_most_are_said(effect, sizes, words):
     """A radial force of 4.4 kN was hidden behind a moment of 100 N m."""
     assert size_of({'effect': effect, 'parameters': {

@@ -334,7 +334,7 @@ def test_drift_goes_on_at_rest() -> None:
 
 def test_opposite_probes_that_drift_with_opposite_signs_look_like_motion() -> None:
     time = np.arange(0.0, 10.0, 0.1)
-    values = {'probe_drift': {'probe': 13.0, 'rate': 1e-8, 'opposite': -6e-9}}
+    values = {'probe_drift': {'probe': 13.0, 'rate': 1e-8, 'sum': 4e-9}}
     rest = simulated(values, (time, np.full(time.size, RIG.preload)))
     assert rest['delta_x'] == pytest.approx(0.8e-8 * time, abs=1e-13)
     assert np.abs(rest['parity']) == pytest.approx(0.2e-8 * time, abs=1e-13)
