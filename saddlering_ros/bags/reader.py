@@ -16,6 +16,7 @@ from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.on_rig import findings_on_rig
+from saddlering_ros.doubts.units import check_load_unit, check_probe_unit
 from saddlering_ros.errors import BagError, counted
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import Floats, gap_mask, JITTER_NS, Stamps
@@ -366,9 +367,9 @@ def _faults(where: str, raw: Mapping[str, RawTopic], rig: Rig) -> Iterator[str]:
         try:
             readings.check_values(place, topic.stamps, topic.values)
             if name == LOAD_TOPIC:
-                readings.check_load_unit(place, topic.values, rig.limits)
+                check_load_unit(place, topic.values, rig.limits)
                 continue
-            readings.check_probe_unit(place, topic.values, topic.min_range, topic.max_range)
+            check_probe_unit(place, topic.values, topic.min_range, topic.max_range)
             if LOAD_TOPIC in raw:
                 readings.check_overlap(where, raw[LOAD_TOPIC].stamps, name, topic.stamps)
         except BagError as fault:

@@ -8,7 +8,8 @@ import numpy as np
 
 from saddlering_ros.doubts import FAULT, Finding
 from saddlering_ros.doubts.on_rig import units_of_preload
-from saddlering_ros.doubts.readings import block_words, check_load_unit, check_probe_unit
+from saddlering_ros.doubts.readings import block_words
+from saddlering_ros.doubts.units import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError, counted
 from saddlering_ros.quantities import quantity

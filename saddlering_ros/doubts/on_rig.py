@@ -12,7 +12,7 @@ import numpy as np
 
 from saddlering_ros.doubts import Finding
 from saddlering_ros.doubts.comparison import rig_in_words
-from saddlering_ros.doubts.readings import LENGTH_UNITS
+from saddlering_ros.doubts.units import LENGTH_UNITS
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import Floats

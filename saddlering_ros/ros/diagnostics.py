@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of, shared_words
-from saddlering_ros.doubts.readings import block_words, unit_outside
+from saddlering_ros.doubts.readings import block_words
+from saddlering_ros.doubts.units import unit_outside
 from saddlering_ros.errors import counted, counted_name
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.record.quality import between_blocks

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.rigs import sized_rig, virtual_run
 from saddlering_ros.diagnosis.records import build_record, check_set
-from saddlering_ros.doubts.readings import check_load_unit
+from saddlering_ros.doubts.units import check_load_unit
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.settings import IdentificationError
