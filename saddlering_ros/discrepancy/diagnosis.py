@@ -285,14 +285,16 @@ def _few_samples(diagnosis: results.Diagnosis) -> tuple[list[str], bool]:
     return [*found.values()], has_code
 
 
+JUMP = 0.75
+"""Share of the range of a run by which readings jump where an angle begins again."""
+
+MIN_REPEATS = 8
+"""Number of equal gaps between changes, to a sample, from which on a channel is a slower one."""
+
 STANDING, MOSTLY = 4.0, 0.9
 """Mean square misfit of samples that repeat the reading beside them over that of the others, from
 which on the sensor may have stood still there, and the share of such samples from which on the
 readings are coarse. Of rounded readings the first is about 1."""
-
-JUMP, MANY = 0.75, 8
-"""Share of the range of a run by which readings jump where an angle begins again, and the number
-of equal gaps between changes, to a sample, from which on a channel is a slower one."""
 
 
 def _odd_readings(diagnosis: results.Diagnosis) -> list[str]:
@@ -303,26 +305,42 @@ def _odd_readings(diagnosis: results.Diagnosis) -> list[str]:
                 one.after, one.run.channels, problem.view_ranges.items(), strict=True):
             there = problem.sample_weights(one.run, name) > 0.0
             time, read, seen = one.run.time[there], readings[there], simulated[there]
-            steps, least = np.diff(read), JUMP * np.ptp(read)
-            begins = np.flatnonzero((abs(steps) > least) & (abs(np.diff(seen)) < 0.5 * least))
-            gaps = np.diff(np.flatnonzero(steps))
-            still = np.r_[steps == 0.0, False] | np.r_[False, steps == 0.0]
-            powers = (seen - read) ** 2
-            held, rest = (float(powers[which].sum()) for which in (still, ~still))
-            many = still.mean() < MOSTLY and held > STANDING * rest * still.sum() / (~still).sum()
-            if begins.size > 1 and np.diff(begins).min() > 1:
-                words = wording.BEGINS_AGAIN.format(
-                    name, one.run.name, begins.size, f'{time[begins[0] + 1]:.6g}')
-            elif gaps.size >= MANY and gaps.min() > 1 and np.ptp(gaps) <= 1:
-                words = wording.SLOWER.format(name, one.run.name)
-            elif many and held > max(rest, (problem.settings.materiality * scale) ** 2):
-                words = wording.STANDS_STILL.format(
-                    name, one.run.name, still.sum(), still.size, f'{time[still.argmax()]:.6g}',
-                    percent(held / (held + rest)))
-            else:
-                continue
-            found.setdefault(name, words)
+            words = (_begins_again(time, read, seen) or _is_slower(read)
+                     or _stands_still(time, read, seen, problem.settings.materiality * scale))
+            if words:
+                found.setdefault(name, f'{name} in {one.run.name}: {words}')
     return [*found.values()]
+
+
+def _begins_again(time: Array, read: Array, seen: Array) -> str:
+    """Words on readings (N,) that jump by their range where what is simulated does not."""
+    least = JUMP * np.ptp(read)
+    jumps = np.flatnonzero((abs(np.diff(read)) > least) & (abs(np.diff(seen)) < 0.5 * least))
+    if jumps.size < 2 or np.diff(jumps).min() == 1:  # one jump, or a few wrong readings
+        return ''
+    return wording.BEGINS_AGAIN.format(jumps.size, f'{time[jumps[0] + 1]:.6g}')
+
+
+def _is_slower(read: Array) -> str:
+    """Words on readings (N,) of which each is repeated as often."""
+    gaps = np.diff(np.flatnonzero(np.diff(read)))
+    is_slower = gaps.size >= MIN_REPEATS and gaps.min() > 1 and np.ptp(gaps) <= 1
+    return wording.SLOWER if is_slower else ''
+
+
+def _stands_still(time: Array, read: Array, seen: Array, material: float) -> str:
+    """Words on readings (N,) that repeat the one beside them and hold most of the misfit."""
+    is_same = np.diff(read) == 0.0
+    still = np.r_[is_same, False] | np.r_[False, is_same]
+    if still.mean() >= MOSTLY:
+        return ''
+    powers = (seen - read) ** 2
+    held, rest = float(powers[still].sum()), float(powers[~still].sum())
+    is_worse = held > STANDING * rest * still.sum() / (~still).sum()
+    if not is_worse or held <= max(rest, material**2):
+        return ''
+    return wording.STANDS_STILL.format(
+        still.sum(), still.size, f'{time[still.argmax()]:.6g}', percent(held / (held + rest)))
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

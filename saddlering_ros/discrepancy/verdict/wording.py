@@ -438,13 +438,13 @@ NEVER_MOVES = ('{0}: the simulator gives one value throughout each run, whatever
 FEW_SAMPLES = ('{} in {}: {} of {} samples, the largest at {}, make up {} of the power of the '
                'misfit and widen noise and range: give NaN if the recorder erred there; if a '
                'channel or an input jumps there, check its time stamps')
-BEGINS_AGAIN = ('{} in {}: {} times, first at {}, the readings jump by nearly their range where '
-                'the simulation does not: unwrap an angle (numpy.unwrap), or let simulate wrap it '
-                'as the sensor does')
-SLOWER = ('{} in {}: each reading is repeated: if the channel is slower than the others, give NaN '
-          'between its samples')
-STANDS_STILL = ('{} in {}: {} of {} samples, first at {}, repeat the reading beside them and hold '
-                '{} of the misfit: give NaN where the sensor stood still or was at its limit')
+BEGINS_AGAIN = ('{} times, first at {}, the readings jump by nearly their range where the '
+                'simulation does not: unwrap an angle (numpy.unwrap), or let simulate wrap it as '
+                'the sensor does')
+SLOWER = ('each reading is repeated: if the channel is slower than the others, give NaN between '
+          'its samples')
+STANDS_STILL = ('{} of {} samples, first at {}, repeat the reading beside them and hold {} of the '
+                'misfit: give NaN where the sensor stood still or was at its limit')
 BEYOND_DECLARED = '{} in {}: {} of range remains, more than the declared model error of {}'
 OTHER_FORM = ('{} remains with the causes, most of it in {}: the law of a cause in the catalogue '
               'is idealised, which explains this remainder')
