@@ -207,8 +207,9 @@ def _where(document: VerdictDocument) -> str:
             errors = math.hypot(item['noise_floor'], item.get('sound') or 0.0)
             cases.append((
                 item['nrmse_before'] / item['noise_floor'],
-                f'; furthest above noise is {name} of {place}: {percent(item["nrmse_before"])} '
-                f'of range, where noise alone gives {percent(item["noise_floor"])}'
+                f'; the misfit exceeds noise most in {name} of {place}: '
+                f'{percent(item["nrmse_before"])} of range, where noise alone gives '
+                f'{percent(item["noise_floor"])}'
                 + f', and noise with small errors {percent(errors)}' * may_be_none))
     ratio, where = max(cases, default=(0.0, ''))
     return where if ratio > 1.0 else ''
@@ -295,9 +296,8 @@ def gain_sentence(document: VerdictDocument) -> str:
 def size_of(cause: CauseEntry) -> str:
     """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
 
-    Of several sizes those that move most, each as a multiple of its typical size, without what
-    its 95 % interval leaves open: all of a place of several parts of which one alone is sure. Of
-    a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
+    Of several sizes those that surely move most, each as a multiple of its typical size. Of a
+    place of several parts, of which one is sure, all. Of a line: 'amplitude 2.10 µm at 50.0 Hz'.
     """
     fitted, effect, moved = sizes_of(cause), catalogue().get(cause['effect']), {}
     for parameter in effect.parameters if effect is not None else ():
