@@ -206,8 +206,8 @@ def _beside_waves(
 ) -> tuple[Diagnosis, list[str]]:
     """The diagnosis beside waves of the raceways, if even raceways leave what waves explain.
 
-    With it what the waves do, in a note. No cause of even raceways is established then, nor any
-    cause of readings that look like another unit, which no waves explain.
+    With it what the waves do, in a note. No cause of even raceways is established or excluded
+    then. Readings that look like another unit, which no waves explain, establish no cause either.
     """
     doubted = even if even.verdict == 'unknown' else even.in_doubt()
     if any(units_of_notes(one.test_run.notes) for one in records):
@@ -226,7 +226,8 @@ def _beside_waves(
     best = [f'beside waves of the raceways the best explanation is '
             f'{lowered(cause.definition.title)}, which is not established'
             for cause in beside.causes[:1]]
-    return doubted, [*best, *explained_by_waves(
+    # Held-out runs part causes of even raceways, and none of these need be the cause.
+    return replace(doubted, held_out_evidence=()), [*best, *explained_by_waves(
         wavy, [record.run for record in records], law, even.fits.before.point.base)]
 
 

@@ -1,6 +1,6 @@
 """Waves of the raceways: what they do to a comparison, and how one session shows them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -45,11 +45,20 @@ def measured_by(ring, runs):
             for run, channels in zip(runs, moved, strict=True)]
 
 
+@dataclass
+class Said:
+    verdict: str
+    fits: SimpleNamespace
+    held_out_evidence: tuple = ('a held-out run excludes the clearance',)
+
+    def in_doubt(self):
+        return replace(self, verdict='unknown')
+
+
 def diagnosed(verdict, law, causes=None):
     """What a diagnosis of even raceways says of its models."""
     before, after = (SimpleNamespace(point=Point(law, more)) for more in ({}, causes or {}))
-    return SimpleNamespace(verdict=verdict, fits=SimpleNamespace(before=before, after=after),
-                           in_doubt=lambda: SimpleNamespace(verdict='unknown'))
+    return Said(verdict, SimpleNamespace(before=before, after=after))
 
 
 def change_by_more_load(ring, run, law):
@@ -149,11 +158,13 @@ def test_no_cause_of_even_raceways_is_named_where_waves_explain_more(
     def diagnose(system, start):
         asked.append({parameter.name for parameter in system.base_parameters})
         friction = SimpleNamespace(definition=SimpleNamespace(title='Dry friction'))
-        return SimpleNamespace(verdict=beside_says, causes=[friction][:beside_says == 'unknown'])
+        return SimpleNamespace(verdict=beside_says, causes=[friction][:beside_says == 'unknown'],
+                               held_out_evidence=())
 
     answer, notes = _beside_waves(
         RingSystem(RIG), records, diagnosed(even_says, contact), diagnose, Watch('diagnose'))
     assert answer.verdict == verdict
+    assert answer.held_out_evidence == ()  # A cause that was hidden was told to be excluded.
     assert told in notes[0]
     assert {'K1', 'waves 1', 'waves 9'} <= asked[0]
 
