@@ -71,7 +71,10 @@ def unit_outside(values: Floats, low: float, high: float) -> str:
 
 
 def _guess_unit(typical: float, low: float, high: float) -> str:
-    """The unit in which a typical reading lies nearest to the middle of a span in metres."""
-    inside = [(abs(math.log(2.0 * typical * factor / (low + high))), name)
+    """The unit in which a typical reading lies nearest to the middle of a span in metres.
+
+    Of a span about zero its positive part counts, because `typical` is a size.
+    """
+    inside = [(abs(math.log(2.0 * typical * factor / (max(low, 0.0) + high))), name)
               for name, factor in LENGTH_UNITS.items() if low < typical * factor < high]
     return min(inside, default=(0.0, 'another unit'))[1]

@@ -16,6 +16,7 @@ from saddlering_ros.bags.write import BagWriter, MessageBlock, messages_of, writ
 from saddlering_ros.doubts import on_rig, readings
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
+from saddlering_ros.doubts.units import check_probe_unit
 from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import SECOND
@@ -110,6 +111,12 @@ def test_readings_outside_of_their_span_look_like_a_unit(recording, tmp_path, me
         recording = recording.changed(topic, values=recording.values[topic] / metres)
     info = bag_info(recording.write(tmp_path / 'bag'))
     assert f'look like {unit}' in ' '.join([*info.problems, *info.notes])
+
+
+@pytest.mark.parametrize('low', [-1e-3, -2e-3])
+def test_a_span_about_zero_shows_a_unit_too(low):
+    with pytest.raises(BagError, match='look like millimetres'):
+        check_probe_unit('probe', np.full(9, 0.4), low, 1e-3)
 
 
 @pytest.mark.parametrize(('load', 'words'), [
