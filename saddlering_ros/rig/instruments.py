@@ -99,7 +99,8 @@ def stated_by(texts: Iterable[str], where: str) -> tuple[Instruments, str]:
                            'saddlering import writes it') from problem
         for name, value in asdict(instruments_from(values, where)).items():
             if value is not None:
-                stated[name] = max(stated.get(name, value), value)
+                larger = np.maximum(stated.get(name, value), value).tolist()
+                stated[name] = tuple(larger) if name == FOUR_PROBES else larger
     return Instruments(**stated), ', '.join(sorted(certificates))
 
 

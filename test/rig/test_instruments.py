@@ -103,5 +103,8 @@ def test_bags_state_their_instruments_and_two_calibrations_differ_by_both():
     assert stated.load_gain == 3e-3
     assert names == 'A'
     assert difference_of(stated, Instruments(load_gain=4e-3)) == Instruments(load_gain=5e-3)
+    both, _ = stated_by([f'{{"probe_gain": {gains}}}' for gains in (
+        [0.001, 0.003, 0.001, 0.001], [0.002, 0.001, 0.001, 0.001])], 'bags')
+    assert both.probe_gain == (0.002, 0.003, 0.001, 0.001)
     with pytest.raises(RigError, match='as saddlering import writes it'):
         stated_by(['{'], 'bags')
