@@ -139,7 +139,7 @@ async def _guard(where: Address, request: web.Request, handler: Handler) -> web.
     """Middleware: tells who may look, and keeps other sites from commands."""
     token = where.token.encode()
     host = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', request.host)
-    if where.is_loopback and (host is None or host[1] not in LOOPBACK):
+    if where.is_loopback and (host is None or host[1] not in (*LOOPBACK, where.host)):
         raise web.HTTPForbidden(text='this page answers to localhost only\n')
     if token:
         if hmac.compare_digest(request.query.get('token', '').encode(), token):

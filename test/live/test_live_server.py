@@ -38,11 +38,14 @@ def asked(where, *requests, watcher=None):
 
 
 HERE, BEYOND = Address('127.0.0.1', 0), Address('0.0.0.0', 0)
+ANOTHER = Address('127.0.0.2', 0)
 SESAME = Address('0.0.0.0', 0, 'open sesame')
 
 
 @pytest.mark.parametrize(('where', 'requests', 'statuses'), [
     (HERE, [('GET', '/', {}), ('GET', '/live.js', {}), ('GET', '/rig.svg', {})], [200, 200, 200]),
+    (ANOTHER, [('GET', '/', {'Host': host}) for host in ('127.0.0.2:80', 'evil.example')],
+     [200, 403]),
     *((HERE, [('GET', '/', {'Host': host})], [403]) for host in (
         'evil.example', '127.0.0.1:80@evil.com', 'localhost:1:2', '127.0.0.1.evil.com',
         '[::1].evil')),
