@@ -223,7 +223,9 @@ class MdfSource(Source):
             number = 0
             for group in self._blocks.chain(header.links[0], '##DG'):
                 number += self._read_data_group(group, number, start)
-        except (struct.error, IndexError) as problem:
+        except ImportingError:
+            raise
+        except (struct.error, IndexError, ValueError) as problem:
             raise self._blocks.damaged('a block is shorter than it should be') from problem
 
     def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:

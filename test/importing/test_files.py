@@ -3,9 +3,10 @@
 from datetime import timezone
 from io import BytesIO
 from pathlib import Path
+import struct
 from typing import Any
 
-from logger_files import make_record
+from logger_files import make_record, mdf4_bytes
 import map_documents
 from map_documents import convert, document, LOAD, plain_table, PROBE, readings, ROWS, stamps, TIME
 import numpy as np
@@ -201,6 +202,9 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
 _FILE = BytesIO()
 savemat(_FILE, {'data': make_record().readings()}, do_compression=True)
 DAMAGED_MATLAB = _FILE.getvalue()[:400] + bytes(60) + _FILE.getvalue()[460:]
+CHANNEL, BEYOND_RECORD = (struct.pack('<BBBBII', 0, 0, 4, 0, offset, 64) for offset in (8, 12))
+DAMAGED_MDF = mdf4_bytes(0, np.zeros(9, [('t', '<i8'), ('F', '<f8')]), False).replace(
+    CHANNEL, BEYOND_RECORD)
 
 
 @pytest.mark.parametrize(('content', 'words'), [
@@ -209,6 +213,7 @@ DAMAGED_MATLAB = _FILE.getvalue()[:400] + bytes(60) + _FILE.getvalue()[460:]
     (b'hello world\n' * 9, 'no columns of numbers were found'),
     (b'TDSm' + bytes(60), 'is damaged, or a TDMS file'),
     (b'MDF     4.10    ' + bytes(60), 'is damaged'),
+    (DAMAGED_MDF, 'is damaged'),
     (b'MDF     3.30    ' + bytes(60), 'is of MDF version 3.30'),
     (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or not an HDF5 file'),
     (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
