@@ -202,6 +202,7 @@ class Curves(inputs.Tabular):
 
     def save(self, path: Path | str) -> None:
         """Write the table; the suffix selects .csv or .parquet."""
+        inputs.check_path('path', path)
         self._spare_bag(Path(path))
         write_samples(Path(path), [self.columns()], self.provenance)
 

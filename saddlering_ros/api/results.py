@@ -262,6 +262,7 @@ class ValidationResult(Result):
         """One PNG per run in `folder`; the paths written."""
         from saddlering_ros.report.reports import plot_paths, save_plots
 
+        inputs.check_path('folder', folder)
         self._spare_inputs(*plot_paths(self.found, Path(folder)))
         return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig)
 
@@ -354,6 +355,7 @@ class DiagnosisResult(ParametricResult):
         """
         from saddlering_ros.diagnosis.proposed_law import effect_paths, write_effect_files
 
+        inputs.check_path('folder', folder)
         law = self.found.diagnosis.law
         if law is None:
             return self

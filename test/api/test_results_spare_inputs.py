@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from saddlering_ros import read_bag
+from saddlering_ros.api.functions import Curves
 from saddlering_ros.api.inputs import ApiError, origins
 from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
 from saddlering_ros.cli._arguments import check_files
@@ -87,6 +88,12 @@ def test_an_output_that_is_no_path_is_refused_in_one_line():
         result.save(3)
     with pytest.raises(ApiError, match='path is None'):
         Plot(Chart((), 4.0, 3.0), result._spare_inputs).save(None)
+    with pytest.raises(ApiError, match='path is of type int'):
+        Curves(*[None] * 12).save(3)
+    for write in (ValidationResult((), default_rig(), (), None).save_plots,
+                  DiagnosisResult((), default_rig(), (), None).with_effect_files):
+        with pytest.raises(ApiError, match='folder is None'):
+            write(None)
 
 
 def test_a_plot_is_not_saved_over_an_input(place):
