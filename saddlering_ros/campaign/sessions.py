@@ -281,13 +281,19 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     by_path = {str(place): bag for bag in bags for place in (bag.path, bag.path.resolve())}
     text = read_regular_text(path, CampaignError, MAX_MANIFEST)
     delimiter = ';' if ';' in text.partition('\n')[0] else ','  # as some spreadsheets write it
-    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')), delimiter=delimiter)
-    missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
+    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')), delimiter=delimiter,
+                            strict=True)
+    try:
+        rows, fields = list(reader), reader.fieldnames or []
+    except csv.Error as problem:
+        raise CampaignError(f'{path}: line {reader.line_num + 1}: is no table ({problem}): '
+                            'correct its quotation marks') from problem
+    missing = [name for name in ('bag', 'session') if name not in fields]
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
                             f'{", ".join(COLUMNS)}')
     groups: dict[str, tuple[list[FoundBag], list[dict[str, str]]]] = {}
-    for number, row in enumerate(reader, start=2):
+    for number, row in enumerate(rows, start=2):
         line = {name: (row[name] or '').strip() for name in COLUMNS if name in row}
         where = f'{path}: line {number}'
         bag = by_path.get(line['bag']) or by_path.get(str(Path(line['bag']).resolve()))

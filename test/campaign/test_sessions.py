@@ -138,7 +138,9 @@ def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path):
     ('bag\nx\n', "has no column 'session'"),
     ('bag,session\nnowhere,a\n', 'line 2: nowhere is not under the folder'),
     ('bag,session,service_hours\n{0}/SR-1/static_50,a,100\n{0}/SR-1/dynamic_70,a,900\n',
-     "service_hours of the session 'a' is 100 and 900: give a session one")])
+     "service_hours of the session 'a' is 100 and 900: give a session one"),
+    ('bag,session,note\n{0}/SR-1/static_50,a,"shaky\n{0}/SR-1/dynamic_70,a,\n',
+     'm.csv: line 2: is no table.*quotation marks')])
 def test_a_manifest_that_cannot_be_used_is_one_line(works, tmp_path, text, words):
     path = tmp_path / 'm.csv'
     path.write_text(text.format(works))
