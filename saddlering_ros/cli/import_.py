@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportResult
     from saddlering_ros.rig import Rig
 
-MIN_MOTION = 0.5e-6
-"""The noise of an eddy-current probe alone spans more than this [m] in a test (0.3 um rms)."""
-
 COMMANDS = (Command(
     'import', 'convert files of a data logger to a bag',
     'Write measured files as a bag, by a map of columns to channels (MAP.yaml). Units are stated '
@@ -133,13 +130,6 @@ def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> lis
         doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
             doubts += contradictions(run.path, rig)[0]
-        spans = {name: max(course.highest) - min(course.lowest)
-                 for name, course in run.courses.items()}
-        gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
-        if spans['hydraulic_load'] >= rig.limits.identification_min and gaps < MIN_MOTION:
-            doubts.append(f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
-                          f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of '
-                          'the probes')
         lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
                   for line in dict.fromkeys(doubts)]
     return lines

@@ -18,6 +18,9 @@ LENGTH_UNITS = {
 MAX_SPAN = 0.1
 """Smallest gap [m] beyond any eddy-current probe, which shows another unit."""
 
+AT_END = 0.002
+"""Share of a probe's span within which a reading is at its end, on either side."""
+
 FAR_OUTSIDE = 20.0
 """Distance of a typical gap from the probe's span, in spans, that shows another unit."""
 
@@ -66,7 +69,8 @@ def is_span(low: float, high: float) -> bool:
 def unit_outside(values: Floats, low: float, high: float) -> str:
     """Words on the unit of a probe's readings, of which most lie outside of its span."""
     typical = float(np.median(np.abs(spread(values))))
-    is_inside = not is_span(low, high) or low <= typical <= high
+    at_end = AT_END * (high - low)
+    is_inside = not is_span(low, high) or low - at_end <= typical <= high + at_end
     return '' if is_inside else f' and look like {_guess_unit(typical, low, high)}'
 
 

@@ -46,6 +46,15 @@ FOLLOWING = 2.0
 """Motion of a probe by the load, over its noise (rms), below which none follows if no other moves
 more. The stiffest ring of the bounds moves one by 0.9 µm and more in a tenth of full scale."""
 
+LOAD_STUCK_SHARE = 0.25
+"""Share of the largest motion that passes while the load stands still to the last digit. Creep at
+a hold, with a converter of few bits, moves a probe by less."""
+
+TOO_STIFF = 0.7
+"""Largest motion of a probe, over that of the stiffest ring of the bounds, below which no ring
+moves so little. Its clearances, which are not counted, move a simulated one by 1.4 times as
+much and more at 50 degrees."""
+
 MIRROR_LIMIT = 0.06
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
 
@@ -100,7 +109,29 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
             f'{quantity(largest, "m", digits=2)} at most, and their noise is '
             f'{quantity(noise, "m", digits=2)}: check that the probes are connected and face the '
             'ring, and that load and probes are of one test and one clock')]
+    if held := _held_load(rig, present, load, gaps):
+        return held
+    least = float(np.max(_least_motions(rig, np.abs(expected) * span)))
+    if largest < TOO_STIFF * least:
+        return [Finding(
+            f'no probe moves by more than {quantity(largest, "m", digits=2)} over '
+            f'{rig.force_words(span)}, and even the stiffest ring of the bounds of K1 and K2 '
+            f'moves one by {quantity(least, "m", digits=2)}: the unit or the scale of the probes '
+            'is wrong (in a map of an import: unit, scale), or that of the load, or the bounds '
+            'in the rig file')]
     return _mirrored(increments, slope) or _sides(rig, slope, expected, clear)
+
+
+def _least_motions(rig: Rig, forces: Floats) -> Floats:
+    """Motions [m] of four probes under forces (4,) [N], of the stiffest ring without clearance.
+
+    A radial row pushes with half of its rollers, which share the force by their cosines.
+    """
+    axial, radial = rig.axial_rows.rollers, 0.25 * rig.radial_row.rollers
+    bounds = rig.bounds
+    stiffness = np.array([bounds['K2'][1] * radial, bounds['K1'][1] * axial] * 2)
+    exponents = np.array([bounds['n2'][0], bounds['n1'][0]] * 2)
+    return np.asarray((forces / stiffness) ** (1.0 / exponents))
 
 
 def wiring_first(rig: Rig, runs: Sequence[Record]) -> str:
@@ -121,11 +152,32 @@ def units_of_notes(notes: Sequence[str]) -> list[str]:
     return [note.units for note in notes if isinstance(note, Finding) and note.units]
 
 
+def _longest_still(readings: Floats) -> slice:
+    """The longest stretch of equal readings."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(readings) != 0.0) + 1, [len(readings)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return slice(*edges[longest:longest + 2].tolist())
+
+
+def _held_load(rig: Rig, present: Sequence[int], load: Floats, gaps: Floats) -> list[Finding]:
+    """A finding if the load stands still while a probe of those present moves far."""
+    rows = _longest_still(load)
+    if rows.stop - rows.start < STUCK_SAMPLES:
+        return []
+    moved, whole = (np.ptp(np.percentile(part, [2.0, 98.0], axis=1), axis=0)
+                    for part in (gaps[present][:, rows], gaps[present]))
+    most = int(np.argmax(moved))
+    if moved[most] < LOAD_STUCK_SHARE * whole.max():
+        return []
+    return [Finding(
+        f'the load stays at {rig.force_words(float(load[rows.start]), 2)} while probe '
+        f'{present[most] + 1} moves by {quantity(float(moved[most]), "m")}: the load cell or its '
+        'channel is stuck, or at a limit')]
+
+
 def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
     """The longest stretch of equal readings, if much load passes meanwhile."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(gap) != 0.0) + 1, [len(gap)]])
-    longest = int(np.argmax(np.diff(edges)))
-    rows = slice(*edges[longest:longest + 2].tolist())
+    rows = _longest_still(gap)
     low, high = float(load[rows].min()), float(load[rows].max())
     if rows.stop - rows.start < STUCK_SAMPLES or high - low < STUCK_SHARE * float(np.ptp(load)):
         return []

@@ -202,8 +202,11 @@ def _delayed(ring: _Linearised, steps: Floats) -> Floats:
 
 
 def _held(matrices: Floats, radius: float) -> Floats:
-    """Matrices (N, 3, 3) plus 1e-9 of their trace on the diagonal, so that none is singular."""
-    trace = np.trace(matrices, axis1=1, axis2=2)[:, None, None]
+    """Stiffnesses (N, 3, 3) plus 1e-9 of their trace on the diagonal: then none is singular.
+
+    A trace below 1 N/m is that of a ring within its clearances, which no roller touches.
+    """
+    trace = np.maximum(np.trace(matrices, axis1=1, axis2=2), 1.0)[:, None, None]
     return np.asarray(matrices + 1e-9 * trace * np.diag([1.0, 1.0, radius**2]))
 
 

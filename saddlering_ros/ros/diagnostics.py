@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of, shared_words
 from saddlering_ros.doubts.readings import block_words
-from saddlering_ros.doubts.units import unit_outside
+from saddlering_ros.doubts.units import AT_END, unit_outside
 from saddlering_ros.errors import counted, counted_name
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.record.quality import between_blocks
@@ -184,7 +184,7 @@ class SaturationTask(Kept):
         """How many readings of the period were saturated, and how near the ends they came."""
         values = self.taken()
         values = values[np.isfinite(values)]
-        edge = 0.002 * (self.high - self.low)
+        edge = AT_END * (self.high - self.low)
         margins = np.minimum(values - self.low, self.high - values)
         count = int((margins <= edge).sum())
         self.total += count

@@ -203,6 +203,25 @@ def test_a_late_probe_that_would_mirror_another_is_not_taken_for_swapped_channel
     assert 'swapped' not in ' '.join(map(str, found))
 
 
+@pytest.mark.parametrize(('factor', 'is_told'), [(1e-3, True), (0.0254, True), (0.1, False)])
+def test_probes_that_move_less_than_those_of_the_stiffest_ring_are_told(factor, is_told):
+    """Gaps in mm that a map calls um: `identify` fitted them, and said nothing of the unit."""
+    motion = 4e-10 * factor * np.array([RAMP, 1.5 * RAMP, -RAMP, -1.5 * RAMP])
+    noise = np.random.default_rng(0).normal(0.0, 3e-7 * factor, motion.shape)
+    found = ' '.join(map(str, wiring_findings(RIG, 0.0, RAMP, factor * 1e-3 + motion + noise)))
+    assert ('even the stiffest ring of the bounds' in found) == is_told
+
+
+@pytest.mark.parametrize(('last', 'is_told'), [(700, True), (420, False)])
+def test_a_load_that_stands_still_while_the_probes_move_is_told(last, is_told):
+    motion = 4e-10 * np.array([RAMP, RAMP, -RAMP, -RAMP])
+    noise = np.random.default_rng(0).normal(0.0, 3e-7, motion.shape)
+    load = np.where((np.arange(len(RAMP)) >= 350) & (np.arange(len(RAMP)) < last),
+                    RAMP[350], RAMP)
+    found = ' '.join(map(str, wiring_findings(RIG, 0.0, load, 1e-3 + motion + noise)))
+    assert ('the load cell or its channel is stuck' in found) == is_told
+
+
 def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, recording):
     for topic in PROBE_TOPICS:
         recording = recording.changed(topic, stamps=recording.stamps[topic][200:],

@@ -100,7 +100,8 @@ def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
     assert task.report(1.0).level == OK
 
 
-@pytest.mark.parametrize(('factor', 'words'), [(1e3, ' and look like millimetres'), (1.0, '')])
+@pytest.mark.parametrize(('factor', 'words'), [
+    (1e3, ' and look like millimetres'), (1.0, ''), (float(np.float32(2e-3)) / 1.1e-3, '')])
 def test_readings_at_the_end_of_the_range_are_told_with_the_unit_that_they_look_like(
         factor: float, words: str) -> None:
     task = diagnostics.SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)

@@ -8,9 +8,10 @@ import readable_ring as reference
 
 from saddlering_ros.effects import extension_of
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import Displacement, displacement_to_probes
 from saddlering_ros.ring.model import mixed, rows_of
-from saddlering_ros.ring.simulator import static_batch
-from saddlering_ros.ring.small_errors import known_rigs
+from saddlering_ros.ring.simulator import static_batch, static_response
+from saddlering_ros.ring.small_errors import known_rigs, scatter_columns
 
 RIG = default_rig()
 ELEVATION = float(np.radians(50.0))
@@ -67,3 +68,15 @@ def test_an_uncertain_quantity_lies_as_far_below_its_value_as_above() -> None:
                     for side in zip(*known_rigs(RIG), strict=True))
     assert above + below == pytest.approx(np.tile(2.0 * read(RIG), (3, 1)))
     assert np.array_equal(above > below, np.eye(3, dtype=bool))
+
+
+@pytest.mark.parametrize('static', [True, False])
+def test_a_ring_that_no_roller_touches_is_no_singular_matrix(static: bool) -> None:
+    """A wrong unit of the probes let the best ring float: the identification failed."""
+    contact, time = TRUE_TO_SCALE.to_array(), np.arange(0.0, 1.0, 0.02)
+    zero = static_response(RIG, contact, ELEVATION, np.array([RIG.preload]))[:, 0]
+    within = np.where((time > 0.4) & (time < 0.6), 0.0, 1.0)[:, None] * zero - zero
+    probes = displacement_to_probes(RIG.probes, Displacement(*within.T, np.zeros(len(time))))
+    columns = scatter_columns(RIG, contact, ELEVATION, RIG.preload, time, np.asarray(probes),
+                              static=static)
+    assert np.isfinite(columns).all()
