@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone, tzinfo
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 import re
@@ -226,7 +226,7 @@ class CountedTime:
         if is_exact and np.abs(numbers).max(initial=0) < MAX_STAMP / scale:
             return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
         numbers = numbers.astype(np.float64)
-        with np.errstate(invalid='ignore'):
+        with np.errstate(invalid='ignore', over='ignore'):
             nanoseconds = np.rint(numbers * float(scale)) if scale.denominator == 1 else \
                 np.rint(numbers / float(1 / scale))
         good = np.isfinite(nanoseconds) & (np.abs(nanoseconds) < MAX_STAMP)
@@ -238,7 +238,7 @@ class CountedTime:
         try:
             number = Decimal(text) * self.unit.factor.numerator * SECOND
             stamp = self.start + int((number / self.unit.factor.denominator).to_integral_value())
-        except (InvalidOperation, ValueError, OverflowError):
+        except (ArithmeticError, ValueError):
             return MISSING
         return stamp if abs(stamp) < MAX_STAMP else MISSING
 

@@ -14,7 +14,14 @@ import pytest
 from scipy.io import savemat
 
 from saddlering_ros.bags.reader import read_raw
-from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING, RegularTime
+from saddlering_ros.importing.calibration import (
+    CountedTime,
+    DatedTime,
+    ImportingError,
+    MISSING,
+    RegularTime,
+    unit_of,
+)
 from saddlering_ros.importing.convert import draft_map, import_files, save_preview
 from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
@@ -240,6 +247,14 @@ def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
     words = map_documents.refusal(tmp_path / 'other', empty, plain_table(v=['nan'] * ROWS))
     assert 'eddy_current_1 has no sample' in words
     assert sorted(path.name for path in (tmp_path / 'other').iterdir()) == ['a.csv', 'map.yaml']
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize(('cells', 'unit'), [
+    (np.array(['1e99999999', '2e6'], dtype=object), 's'), (np.array([1e305, 2e6]), 's')])
+def test_a_number_that_no_stamp_holds_is_a_cell_that_cannot_be_read(cells, unit):
+    clock = CountedTime(('time',), unit_of(unit, 'unit'), 0)
+    assert clock.stamps([cells], np.arange(2)).tolist() == [MISSING, 2_000_000 * 10 ** 9]
 
 
 @pytest.mark.parametrize('year', ['1600', '2262', '9999'])
