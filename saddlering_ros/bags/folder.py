@@ -168,7 +168,7 @@ def _with_information(path: Path, files: tuple[Path, ...],
     start, count = information.get('starting_time'), information.get('message_count')
     start = start.get('nanoseconds_since_epoch') if isinstance(start, dict) else None
     return BagDirectory(path, files, custom_data_of(information),
-                        start if isinstance(start, int) else None,
+                        start if isinstance(start, int) and 0 <= start < 1 << 63 else None,
                         count if isinstance(count, int) else None,
                         compression if mode == 'message' else '', True)
 

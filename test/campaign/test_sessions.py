@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+import re
 import shutil
 from types import SimpleNamespace
 
@@ -85,6 +86,13 @@ def test_a_damaged_bag_is_a_session_with_its_reason(works):
         (works / name).write_text(name)
     assert [bag.path.name for item in group_sessions(find_bags(works)) for bag in item.bags
             if len(item.bags) == 1 and bag.path.parent == works] == ['one.mcap', 'two.mcap']
+
+
+def test_a_start_that_no_clock_shows_is_unknown_and_ends_no_campaign(works):
+    path = works / 'SR-2/static_50/metadata.yaml'
+    path.write_text(re.sub(r'(since_epoch: )\d+', rf'\g<1>{10**25}', path.read_text()))
+    sessions = group_sessions(find_bags(works))
+    assert sorted(item.date for item in sessions if item.ring == 'SR-2') == ['', '2026-01-05']
 
 
 def test_an_edited_manifest_overrides_the_grouping(works, tmp_path):
