@@ -279,21 +279,26 @@ class Gauges:
         """
         shown: dict[str, Any] = {'load': None, 'elevation': None, 'probes': [
             {'is_absent': True} if number == absent
-            else _probe(self._readings.get(f'probe_{number}')) for number in (1, 2, 3, 4)]}
-        if (load := self._readings.get('load')) is not None:
+            else _probe(self._known(f'probe_{number}')) for number in (1, 2, 3, 4)]}
+        if (load := self._known('load')) is not None:
             shown['load'] = {'t': round(load.value / TONNE, 3), 'kN': round(load.value / 1e3, 2),
                              'is_old': load.is_old}
-        if (elevation := self._readings.get('elevation')) is not None:
+        if (elevation := self._known('elevation')) is not None:
             shown['elevation'] = {'deg': round(math.degrees(elevation.value), 2),
                                   'is_measured': True, 'is_old': elevation.is_old}
         elif assumed_elevation is not None:
             shown['elevation'] = {'deg': assumed_elevation, 'is_measured': False, 'is_old': False}
         return shown
 
+    def _known(self, name: str) -> Reading | None:
+        """The newest reading; None for one that is no number, which JSON does not have."""
+        reading = self._readings.get(name)
+        return reading if reading is not None and math.isfinite(reading.value) else None
+
 
 def _probe(reading: Reading | None) -> dict[str, Any] | None:
     """Gap and span in mm, the margin to the nearer end, and its judgement."""
-    if reading is None or not math.isfinite(reading.value):
+    if reading is None:
         return None
     gap, low, high = reading.value, reading.low, reading.high
     shown = {'gap': round(1e3 * gap, 4), 'low': None, 'high': None, 'margin': None, 'level': 'ok',

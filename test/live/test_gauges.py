@@ -40,3 +40,12 @@ def test_a_reading_that_is_old_stays_and_is_marked_as_the_last_one(monkeypatch):
 
 def test_a_probe_that_the_rig_does_not_have_is_absent():
     assert Gauges().as_page(absent=3)['probes'] == [None, None, {'is_absent': True}, None]
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_a_reading_that_is_no_number_is_shown_as_none(value):
+    """It was NaN in the JSON of the page, whose numbers all stood still from there on."""
+    found = Gauges()
+    for name in ('load', 'elevation', 'probe_1'):
+        found.push(name, value)
+    assert found.as_page() == {'load': None, 'elevation': None, 'probes': [None] * 4}
