@@ -261,7 +261,7 @@ def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(findings, rig, LOAD, values)
     elif units := units_of_preload(rig, least := min(
-            float(part.mean()) for part in np.array_split(values, MIN_SAMPLES))):
+            float(part.mean()) for part in np.array_split(values, min(MIN_SAMPLES, len(values))))):
         findings.note(f'the load is {least:.4g} N at least, which is the preload in '
                       f'{" or ".join(units)} ({rig.preload:.4g} N): publish newtons')
     elif high < rig.limits.unit_min:

@@ -44,7 +44,7 @@ def test_nothing_is_wrong_with_a_sound_driver(heard_topics: Heard) -> None:
     assert findings(heard_topics, rate=500.0) == findings(heard_topics, NOTE) == []
 
 
-def with_reading(row: int, value: float) -> Callable[[HeardTopic], HeardTopic]:
+def with_reading(row: int | slice, value: float) -> Callable[[HeardTopic], HeardTopic]:
     def change(one: HeardTopic) -> HeardTopic:
         values = one.values.copy()
         values[row] = value
@@ -60,6 +60,7 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
     return change
 
 
+@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize(('topic', 'change', 'words'), [
     (LOAD_TOPIC, without(0, 5000), '0 samples came'),
     (LOAD_TOPIC, lambda one: replace(one, publishers=2), '2 publishers'),
@@ -77,6 +78,7 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
         one.arrivals - one.arrivals[0])), 'the stamps are not times'),
     (FIRST_PROBE, lambda one: replace(one, stamps=one.stamps - 50_000_000), '50 ms older'),
     (FIRST_PROBE, with_reading(700, np.nan), '1 of 2000 readings are not numbers'),
+    (LOAD_TOPIC, with_reading(slice(5, None), np.nan), '1995 of 2000 readings are not numbers'),
     (LOAD_TOPIC, with_reading(700, 3e38), 'far beyond the cylinder: publish newtons'),
     (LOAD_TOPIC, with_reading(700, 2.4e5), '1 reading that this rig cannot have'),
     (FIRST_PROBE, lambda one: replace(one, values=np.full(len(one), 1e-3)), 'never changes'),
