@@ -1,7 +1,7 @@
 """Do intervals of identify hold the truth of drawn rigs, and is another test predicted?
 
     python benchmarks/identification.py [--rigs 200] [--scatter]
-                                        [--small-errors] [--waves 0] [--seed 1]
+                                        [--small-errors] [--waves 0] [--phases] [--seed 1]
 
 Each rig is drawn from the whole box of contact laws. It is identified from a static and a dynamic
 run at 50 deg and a static run at 70 deg, and a dynamic run at 70 deg is predicted. Counted are
@@ -9,10 +9,11 @@ run at 50 deg and a static run at 70 deg, and a dynamic run at 70 deg is predict
 nrmse within 1.1 times the noise floor; what the true parameters reach stands beside them. With
 --scatter the rollers differ as made ones do. With --waves or --small-errors the rings are those of
 independent_ring.py, whose raceways wave by this rms [um], or which have all small errors of
-dirty_ring.py: the first has the number --seed.
+dirty_ring.py: the first has the number --seed. With --phases the rollers of these rings, which
+may be even ones then, begin at any angle, as those of real rings do.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import tempfile
 import time
@@ -83,9 +84,11 @@ Errors = tuple[Array, Array, Array]
 """Errors (6,) of ln K, n, ln D, those over stated ones, and which are determined."""
 
 
-def real_ring(number: int, fault: Fault) -> tuple[Errors, Errors | None]:
+def real_ring(number: int, fault: Fault, phases: tuple[float, float]
+              ) -> tuple[Errors, Errors | None]:
     """Errors of the law of even raceways, and of that beside waves of the raceways."""
     ring, noise = draw_ring(number)
+    ring = replace(ring, phases=phases)
     with tempfile.TemporaryDirectory() as folder:
         runs = [read_run(write(record(ring, fault, course, number + 31 * place, noise), place,
                                Path(folder)))
@@ -94,6 +97,12 @@ def real_ring(number: int, fault: Fault) -> tuple[Errors, Errors | None]:
     truth = np.array([float(getattr(ring, name)) for name in PARAMETER_NAMES])
     beside = found.beside_errors
     return errors_of(found, truth), None if beside is None else errors_of(beside, truth)
+
+
+def phases_of(number: int) -> tuple[float, float]:
+    """Angles of the first rollers of a ring, any alike."""
+    axial, radial = np.random.default_rng([number, 14]).uniform(size=2).tolist()
+    return axial, radial
 
 
 def errors_of(found: FittedLaw, truth: Array) -> Errors:
@@ -139,12 +148,13 @@ def report(rigs: list[Rig]) -> None:
 
 def main() -> None:
     args = arguments(__doc__, {'rigs': 5}, rigs=200, scatter=False, small_errors=False,
-                     waves=0.0, seed=1)
-    if args.waves or args.small_errors:
+                     waves=0.0, phases=False, seed=1)
+    if args.waves or args.small_errors or args.phases:
         numbers = range(args.seed, args.seed + args.rigs)
         rings = [real_ring(
             number, dirty_fault(NOTHING, number, args.waves) if args.small_errors else
-            wavy(Fault(), number, args.waves)) for number in numbers]
+            wavy(Fault(), number, args.waves), phases_of(number) if args.phases else (0.0, 0.0))
+            for number in numbers]
         report_real('even raceways', [even for even, _ in rings])
         report_real('beside waves', [beside for _, beside in rings if beside is not None])
         return

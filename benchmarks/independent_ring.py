@@ -88,7 +88,10 @@ class Motion:
 
 @dataclass(frozen=True)
 class Ring:
-    """Contact of one ring: K [N/m^n], n, D [N s/m] of both kinds of row; scatter of rollers."""
+    """Contact of one ring: K [N/m^n], n, D [N s/m] of both kinds of row; scatter of rollers.
+
+    phases: angle of the first axial and radial rollers, as a share of the pitch between two.
+    """
 
     K1: float = 1.29e8
     n1: float = 10.0 / 9.0
@@ -98,6 +101,7 @@ class Ring:
     D2: float = 3e6
     scatter: float = 0.01
     seed: int = 0
+    phases: tuple[float, float] = (0.0, 0.0)
 
 
 @numba.njit(cache=False)
@@ -226,8 +230,8 @@ def simulate(ring: Ring, fault: Fault, degrees: float, time: Array, load: Array,
     rig = rig or default_rig()
     draw = np.random.default_rng(ring.seed)
     axial, middle = rig.axial_rows, rig.radial_row
-    phia = 2.0 * np.pi * np.arange(axial.rollers) / axial.rollers
-    phim = 2.0 * np.pi * np.arange(middle.rollers) / middle.rollers
+    phia, phim = (2.0 * np.pi * (np.arange(row.rollers) + phase) / row.rollers
+                  for row, phase in zip((axial, middle), ring.phases, strict=True))
 
     def scattered(value: float, count: int) -> Array:
         return np.asarray(value * (1.0 + ring.scatter * draw.standard_normal(count)))

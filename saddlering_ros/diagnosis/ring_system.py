@@ -224,7 +224,7 @@ class RingSystem:
         return np.clip(known, -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
-        """Nuisance columns: unequal rollers, waves, clearances and weight, noise of the load.
+        """Nuisance columns: rollers, waves, clearances and weight, noise of the load.
 
         Every instrument with a certificate adds its own error.
 
@@ -246,7 +246,9 @@ class RingSystem:
             scatter = small_errors.scatter_columns(
                 self.rig, law, grid.elevation, grid.zero_load, run.time, contacts,
                 static=static)[self.seen]
-            parts.append(np.concatenate([scatter, self._wave_columns(run, point)], axis=2))
+            parts.append(np.concatenate(
+                [scatter, self._phase_columns(run, point), self._wave_columns(run, point)],
+                axis=2))
             known.append(np.stack([
                 *small_errors.known_errors(
                     self.rig, partial(self._predict_by, run, point), usual),
@@ -258,6 +260,13 @@ class RingSystem:
             np.concatenate([block.reshape(*run.channels.shape, -1), load, own], axis=2)
             for run, block, load, own in zip(
                 runs, blocks, self._load_noise(runs, points), known, strict=True)]
+
+    def _phase_columns(self, run: RunBlocks, point: Point) -> Array:
+        """Changes (C, N, 12) by one standard deviation of the place of the rollers."""
+        law, usual = self.candidate(point)
+        every = self.simulated(
+            run, [(law, one) for one in (usual, *small_errors.at_other_phases(usual))])
+        return np.moveaxis(small_errors.phase_errors(every[1:] - every[0]), 0, -1)
 
     def _wave_columns(self, run: RunBlocks, point: Point) -> Array:
         """Changes (C, N, k) by one standard deviation of each wave; none without waves."""

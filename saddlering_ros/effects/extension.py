@@ -58,11 +58,12 @@ class Wear:
 
 @dataclass(frozen=True)
 class RowGeometry:
-    """How one row departs from equal rollers: wear, and waves of the gap.
+    """How one row departs from equal rollers at phi = 2 pi i / N: wear, waves of the gap, phase.
 
     stiffness: factor on K of the whole row; gap: extra gap of every roller [m], gap_spread [m]: by
     which rollers have more or less of it than their neighbours, evenly from -spread to spread;
-    waves [m]: gap + a cos(m phi) + b sin(m phi), a and b of one maximum m, of two, and so on.
+    waves [m]: gap + a cos(m phi) + b sin(m phi), a and b of one maximum m, of two, and so on;
+    phase: angle phi of the first roller, as a share of the pitch between two rollers.
     """
 
     stiffness: float = 1.0
@@ -70,6 +71,7 @@ class RowGeometry:
     gap_spread: float = 0.0
     wear: Wear = field(default_factory=Wear)
     waves: tuple[float, ...] = ()
+    phase: float = 0.0
 
     def beside(self, waves: tuple[float, ...]) -> RowGeometry:
         """The same row with more waves."""

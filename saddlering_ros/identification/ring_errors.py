@@ -43,10 +43,12 @@ from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import ContactParameters, Displacement, Rig
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
 from saddlering_ros.ring.small_errors import (
+    at_other_phases,
     certified_errors,
     compressed,
     KNOWN,
     known_errors,
+    phase_errors,
     scatter_columns,
     SmallError,
     with_error,
@@ -340,7 +342,10 @@ def _sound_errors(objective: WeightedObjective, contact: Array) -> tuple[Array, 
         np.concatenate(known_errors(
             objective.rig, partial(predict, contacts=contact[None, :], observation=one), moved))
         for one, moved in zip(objective.observations, usual, strict=True)]
-    return objective.whiten(roller_effects(objective, contact)), objective.whiten(known)
+    phases = _changes(objective, contact, at_other_phases(NO_EXTENSION))
+    rollers = [np.concatenate([scatter, phase_errors(changes)]) for scatter, changes in zip(
+        roller_effects(objective, contact), phases, strict=True)]
+    return objective.whiten(rollers), objective.whiten(known)
 
 
 def unlike(best: Refinement, errors: Array) -> Array:

@@ -49,17 +49,18 @@ def mixed(count: int) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def _waves(rollers: int, count: int) -> Floats:
+def _waves(rollers: int, phase: float, count: int) -> Floats:
     """cos(m phi) and sin(m phi) at each roller for m = 1, 2, ... (count, rollers)."""
-    turns = 2.0 * np.pi / rollers * np.outer(np.arange(count) // 2 + 1, np.arange(rollers))
+    places = np.arange(rollers) + phase
+    turns = 2.0 * np.pi / rollers * np.outer(np.arange(count) // 2 + 1, places)
     return np.where(np.arange(count)[:, None] % 2, np.sin(turns), np.cos(turns))
 
 
 def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
     """Cosines, weights and gaps (3, J) of a row; `twins`: equal mirror twins share a place."""
     index = np.arange(row.rollers // 2 + 1 if twins else row.rollers, dtype=np.float64)
-    # phi_i = 2 pi i / N, from the rear (x > 0).
-    angle = index * (2.0 * np.pi / row.rollers)
+    # From the rear (x > 0).
+    angle = (index + geometry.phase) * (2.0 * np.pi / row.rollers)
     cosine = np.cos(angle)
     half_gap = 0.5 * row.clearance + geometry.gap
     if twins:
@@ -69,7 +70,7 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
     wear = geometry.wear.profile(angle) if worn else np.zeros(row.rollers)
     gap = half_gap + geometry.wear.gap * wear + geometry.gap_spread * mixed(row.rollers)
     if geometry.waves:
-        gap += geometry.waves @ _waves(row.rollers, len(geometry.waves))
+        gap += geometry.waves @ _waves(row.rollers, geometry.phase, len(geometry.waves))
     order = np.argsort(-cosine, kind='stable')
     return np.stack([cosine, 1.0 - geometry.wear.loss * wear, gap])[:, order]
 
@@ -79,7 +80,8 @@ def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...]
           twins: bool) -> Rows:
     """Rows of upper, lower and radial geometry; `twins`: equal mirror twins share a place."""
     equal = [
-        twins and not any((part.wear.loss, part.wear.gap, part.gap_spread, *part.waves))
+        twins and not any(
+            (part.wear.loss, part.wear.gap, part.gap_spread, part.phase, *part.waves))
         for part in geometry]
     # The kernels have one number of places for both axial rows.
     equal[0] = equal[1] = equal[0] and equal[1]

@@ -1,13 +1,17 @@
 """Claims on what is allowed to be wrong with any sound rig: roller scatter, clearances, weight."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from benchmarks.rigs import sized_rig
 from saddlering_ros.bags.reader import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
+from saddlering_ros.effects.extension import NO_EXTENSION, RowGeometry
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
 from saddlering_ros.ring import small_errors
 from saddlering_ros.ring.small_errors import (
@@ -89,6 +93,20 @@ def test_stiffer_rollers_together_move_the_ring_as_the_simulator_says(fast):
     effect = centred(0.5 * (stiffer - softer))
     left = np.linalg.norm(moved - effect, axis=1) / np.linalg.norm(effect, axis=1)
     assert left.max() < 0.05
+
+
+def test_rollers_may_stand_at_any_angle(fast):
+    """Sound rings of 36 and 24 rollers were `unknown`, one in a group of worn arc and flatness."""
+    system, rows = RingSystem(sized_rig(25.0, 36, 0.6)), ('upper_row', 'lower_row', 'radial_row')
+    for phases in (0.3, 0.6, 0.4), (0.5, 0.0, 0.5):
+        moved = replace(NO_EXTENSION, **{
+            row: RowGeometry(phase=phase) for row, phase in zip(rows, phases, strict=True)})
+        there, usual = system.simulated(fast, [(BASE, moved), (BASE, NO_EXTENSION)])
+        change = centred(there - usual).ravel() / 1e-8  # of noise of 10 nm
+        columns = centred(system.nuisances([fast], Point(BASE))[0]).reshape(change.size, -1) / 1e-8
+        left = change @ np.linalg.solve(np.eye(change.size) + columns @ columns.T, change)
+        assert change @ change > 18000.0
+        assert left < 50.0  # 5 700 without columns of the angle
 
 
 def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
