@@ -112,9 +112,9 @@ def run(args: argparse.Namespace) -> int:
         notes = [*notes, f'column validity marks {doubtful} of {seen.count} samples']
     console = arguments.stdout_console()
     for note in notes:
-        console.print(f'note: {note}', highlight=False)
+        console.print(f'note: {note}')
     if args.out is not None:
-        console.print(f'written: {args.out}', highlight=False)
+        console.print(f'written: {args.out}')
     return 0
 
 

@@ -37,10 +37,10 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar:
         plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,
                           on_progress=bar.tell)
-    if args.json is not None and tell_json(args, plan.to_json()):
+    if tell_json(args, plan.to_json()):
         return 0
     console = arguments.stdout_console()
-    console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
+    console.print(f'tests: {", ".join(test.name for test in plan.tests)}')
     titles = {cause.effect: cause.title for cause in plan.causes}
     show_table(('cause', 'smallest size found', 'cannot be told from'), [
         (cause.title, 'not shown' if not cause.is_testable else
@@ -49,10 +49,10 @@ def run(args: argparse.Namespace) -> int:
     values = ', '.join(
         f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'
         for name, std in plan.accuracy.items() if name not in plan.undetermined)
-    console.print(f'contact law: {values or "not determined"}', highlight=False)
+    console.print(f'contact law: {values or "not determined"}')
     for reason in plan.undetermined.values():
-        console.print(f'  {reason}', highlight=False)
+        console.print(f'  {reason}')
     if plan.further is not None:
         console.print(f'best further test: {plan.further.name} (limits lower by a factor of '
-                      f'{10.0 ** plan.further_gain:.2f} in the geometric mean)', highlight=False)
+                      f'{10.0 ** plan.further_gain:.2f} in the geometric mean)')
     return 0
