@@ -17,6 +17,7 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
+from saddlering_ros.errors import counted
 from saddlering_ros.identification.result import FittedLaw, Identification, identification_text
 from saddlering_ros.identification.validation import Criterion, judge, Validation, validation_text
 from saddlering_ros.quantities import verdict_line
@@ -207,8 +208,8 @@ class IdentificationResult(ParametricResult):
         return self.found.to_json()
 
     def _headline(self) -> str:
-        return (f'Identification ({self.found.method} method) from {len(self.bags)} '
-                f'bag{"s" * (len(self.bags) != 1)}: {self.found.status}')
+        return (f'Identification ({self.found.method} method) from '
+                f'{counted(len(self.bags), "bag")}: {self.found.status}')
 
 
 @dataclass(frozen=True, repr=False)
@@ -271,8 +272,8 @@ class ValidationResult(Result):
 
     def _headline(self) -> str:
         met = [one.is_met for one in self.criteria]
-        return (f'Validation on {len(self.bags)} bag{"s" * (len(self.bags) != 1)}: {sum(met)} of '
-                f'{len(met)} criteria are met')
+        return (f'Validation on {counted(len(self.bags), "bag")}: {sum(met)} of {len(met)} '
+                'criteria are met')
 
 
 @dataclass(frozen=True, repr=False)

@@ -66,6 +66,6 @@ def run(args: argparse.Namespace) -> int:
             print('this driver has no fault')
     if count:
         sys.stdout.flush()
-        print(f'saddlering check-driver: {count} fault{"s" * (count > 1)}: correct the driver '
-              'before a test', file=sys.stderr)
+        print(f'saddlering check-driver: {counted(count, "fault")}: correct the driver before a '
+              'test', file=sys.stderr)
     return 2 if count else 0

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, tell_json
+from saddlering_ros.errors import counted
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import Rig
@@ -77,9 +78,8 @@ def run(args: argparse.Namespace) -> int:
                       f'{" and ".join(f"{one:g}" for one in alike[bag])} deg too')
     if doubts:
         sys.stdout.flush()
-        print(f'saddlering rig: {doubts} {"contradiction" if doubts == 1 else "contradictions"} '
-              'between the bags and the rig file: correct the rig file, or the map of the import',
-              file=sys.stderr)
+        print(f'saddlering rig: {counted(doubts, "contradiction")} between the bags and the rig '
+              'file: correct the rig file, or the map of the import', file=sys.stderr)
     return 2 if doubts else 0
 
 

@@ -112,8 +112,8 @@ def _stream_findings(topic: str, raw: RawTopic) -> list[Finding]:
     if not len(before):
         return findings
     longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
-    return [*findings, Finding(f'{len(before)} gap{"s" * (len(before) > 1)} in the stamps, the '
-                               f'longest {longest:.3f} s', topic)]
+    return [*findings, Finding(f'{counted(len(before), "gap")} in the stamps, the longest '
+                               f'{longest:.3f} s', topic)]
 
 
 def _probe_findings(raw: RawTopic, aligned: Floats) -> list[Finding]:
