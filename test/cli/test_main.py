@@ -32,10 +32,19 @@ def report(error, **arguments):
                                  argparse.Namespace(**{**vars(ARGUMENTS), **arguments}))
 
 
-def saddlering(*arguments, **options):
-    return subprocess.run(
-        [sys.executable, '-m', 'saddlering_ros.cli.main', *arguments], text=True,
-        capture_output=True, cwd=ROOT, timeout=60, check=False, **options)
+def done_by(*command, cwd=ROOT, **options):
+    return subprocess.run(command, text=True, capture_output=True, cwd=cwd, timeout=60,
+                          check=False, **options)
+
+
+def saddlering(*arguments):
+    return done_by(sys.executable, '-m', 'saddlering_ros.cli.main', *arguments)
+
+
+def in_shell(line, **options):
+    """`saddlering` with the rest of a line of bash."""
+    return done_by('bash', '-c', f'"$0" -m saddlering_ros.cli.main {line}', sys.executable,
+                   **options)
 
 
 def test_a_done_command_returns_its_own_status():
@@ -165,8 +174,7 @@ def test_a_signal_that_is_repeated_closes_what_is_open(tmp_path, number, status)
 def ended(code):
     """A program that has `leave_by_exception`, when it has ended."""
     head = 'import os, signal, time\nfrom saddlering_ros.cli.main import leave_by_exception\n'
-    return subprocess.run([sys.executable, '-c', head + code], text=True, capture_output=True,
-                          cwd=ROOT, timeout=60, check=False)
+    return done_by(sys.executable, '-c', head + code)
 
 
 @pytest.mark.parametrize(('name', 'number', 'status'), [
@@ -187,8 +195,7 @@ def test_a_signal_waits_until_compiled_code_has_its_answer(name, number, status)
 def test_an_interrupt_while_the_command_imports_prints_nothing():
     code = ('import signal, sys\nsys.argv = ["/bin/saddlering"]\nimport saddlering_ros.cli\n'
             'signal.raise_signal(signal.SIGINT)\n')
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=ROOT,
-                          timeout=60, check=False)
+    done = done_by(sys.executable, '-c', code)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, '')
 
 
@@ -213,9 +220,7 @@ def test_a_signal_at_the_end_of_an_object_is_not_lost(made):
 
 def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
     bag = ROOT / 'bags' / 'dynamic_50_fast'
-    command = f'{sys.executable} -m saddlering_ros.cli.main info {bag} --json info.json >&-'
-    done = subprocess.run(['bash', '-c', command], cwd=tmp_path, capture_output=True, text=True,
-                          check=False)
+    done = in_shell(f'info {bag} --json info.json >&-', cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, '')
     assert json.loads((tmp_path / 'info.json').read_text())
 
@@ -257,10 +262,8 @@ def test_a_reader_that_is_gone_takes_no_file_away(place, monkeypatch):
 
 def test_info_writes_its_json_although_its_reader_is_gone(tmp_path):
     bag = ROOT / 'bags' / 'dynamic_50_fast'
-    command = (f'{sys.executable} -m saddlering_ros.cli.main info {bag} {bag} --json info.json'
-               ' | head -0; exit ${PIPESTATUS[0]}')
-    done = subprocess.run(['bash', '-c', command], cwd=tmp_path, capture_output=True, text=True,
-                          check=False)
+    done = in_shell(f'info {bag} {bag} --json info.json | head -0; exit ${{PIPESTATUS[0]}}',
+                    cwd=tmp_path)
     assert (done.returncode, done.stderr) == (141, '')
     assert len(json.loads((tmp_path / 'info.json').read_text())) == 2
 
@@ -281,10 +284,8 @@ def test_a_refusal_names_what_was_typed_once(words, said):
     ('info bags/dynamic_50_fast', 'saddlering info'), ('--help', 'saddlering'),
     ('info --help', 'saddlering info'), ('--version', 'saddlering')])
 def test_a_full_disk_behind_standard_output_is_told_as_such(words, said, unbuffered):
-    done = subprocess.run(
-        ['bash', '-c', f'{sys.executable} -m saddlering_ros.cli.main {words} > /dev/full'],
-        capture_output=True, text=True, check=False, cwd=ROOT,
-        env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
+    done = in_shell(f'{words} > /dev/full',
+                    env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
     assert done.returncode == 2
     assert done.stderr.startswith(f'{said}: No space left on device: standard output or the ')
     assert done.stderr.endswith('is full: choose another place\n')
