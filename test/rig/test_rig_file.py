@@ -81,23 +81,6 @@ def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(tmp_path, name, 
     assert name.split('.')[-1] in message
 
 
-@pytest.mark.parametrize(('text', 'words'), [
-    ('', 'is not a ROS 2 parameter file'),
-    ('[1, 2]', 'is not a ROS 2 parameter file'),
-    ('rig: {}', 'has no ros__parameters'),
-    ('/**:\n  ros__parameters: {a: [}', 'line 2: is not YAML'),
-    ('a: 2026-13-40', 'is not YAML (month must be in 1..12)'),
-    ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section')])
-def test_a_file_of_another_shape_is_refused_in_one_line(tmp_path, text, words) -> None:
-    path = tmp_path / 'rig.yaml'
-    path.write_text(text, encoding='utf-8')
-    with pytest.raises(RigError) as caught:
-        load_rig(path)
-    assert words in str(caught.value)
-    assert str(path) in str(caught.value)
-    assert '\n' not in str(caught.value)
-
-
 def test_a_missing_file_and_a_folder_are_refused_in_one_line(tmp_path: Path) -> None:
     for path in (tmp_path / 'none.yaml', tmp_path):
         with pytest.raises(RigError, match='cannot be read'):

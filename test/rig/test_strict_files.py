@@ -44,6 +44,17 @@ def test_a_fault_in_a_rig_file_is_refused_with_its_place(tmp_path, old, new, wor
     assert words in refusal(tmp_path / 'rig.yaml', SHIPPED.replace(old, new, 1))
 
 
+@pytest.mark.parametrize(('text', 'words'), [
+    ('', 'is not a ROS 2 parameter file'),
+    ('[1, 2]', 'is not a ROS 2 parameter file'),
+    ('rig: {}', 'has no ros__parameters'),
+    ('/**:\n  ros__parameters: {a: [}', 'line 2: is not YAML'),
+    ('a: 2026-13-40', 'is not YAML (month must be in 1..12)'),
+    ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section')])
+def test_a_file_of_another_shape_is_refused_in_one_line(tmp_path, text, words) -> None:
+    assert words in refusal(tmp_path / 'rig.yaml', text)
+
+
 @pytest.mark.parametrize(('line', 'words'), [
     ('effect: {probe_gain: {gain: 0.02}}', '(effect): did you mean effects?'),
     ('contact: {K1: 1e8}', "the key 'contact' is given twice"),
