@@ -340,9 +340,16 @@ def _session_of_lines(path: Path, name: str, bags: Sequence[FoundBag],
 
 
 def _seconds(text: str) -> float:
-    """The time [s since 1970] of an ISO date, in UTC where it states no zone."""
+    """The time [s since 1970] of an ISO date, in UTC where it states no zone.
+
+    ValueError for another text, and for a date that no stamp shows, as 0001-01-01 of a clock that
+    was not set.
+    """
     date = datetime.fromisoformat(text.replace('Z', '+00:00'))
-    return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+    time = date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+    if not 0.0 <= time < (1 << 63) / 1e9:
+        raise ValueError(text)
+    return time
 
 
 def _hours(text: str) -> float:

@@ -134,11 +134,12 @@ def test_folders_of_one_name_are_two_rings(tmp_path):
     assert rings == {str(tmp_path / 'ring_7/january'), str(tmp_path / 'ring_8/january')}
 
 
-def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path):
-    write_bag(tmp_path, 'SR-1', 'static_50', date='05.03.2026', service_hours='1.200 h')
+@pytest.mark.parametrize('date', ['05.03.2026', '0001-01-01T00:00:00+01:00'])
+def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path, date):
+    write_bag(tmp_path, 'SR-1', 'static_50', date=date, service_hours='1.200 h')
     (session,) = group_sessions(find_bags(tmp_path))
     assert (session.date, session.service_hours) == ('2026-01-05', None)
-    assert "date is '05.03.2026', and the first stamp counts" in session.bags[0].note
+    assert f"date is '{date}', and the first stamp counts" in session.bags[0].note
     assert "service_hours is '1.200 h', and is left out" in session.bags[0].note
 
 
