@@ -143,8 +143,8 @@ def for_residual(after: discrepancy.Residual, law: discrepancy.LawProposal | Non
     fast, channel, coordinate = after.fast, largest.view, largest.coordinate
     if law is None and fast.visible >= max(MATERIAL, largest.visible):
         return (f'Record ten minutes at constant preload, at the highest sampling rate. If '
-                f'{fast.view} oscillates at {fast.frequency:.2g} Hz there too, pickup of a probe '
-                'is the cause. If it does not, the rig oscillates with the load.')
+                f'{fast.view} moves at {fast.frequency:.2g} Hz there too, pickup of a probe '
+                'is the cause. If it does not, the rig moves with the load or its steps.')
     if law is not None:
         channel, coordinate = CHANNELS_OF_LAW.get(
             law.terms[0].target, law.terms[0].target), law.terms[0].coordinate

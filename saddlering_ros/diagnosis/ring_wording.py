@@ -434,7 +434,7 @@ def why_lost(candidate: CandidateEntry, best: CandidateEntry, chosen: Collection
 
 
 def shape_words(shape: ShapeEntry) -> str:
-    """'delta_x follows the load, 0.4 % of range rms'; an oscillation has words of its own."""
+    """'delta_x follows the load, 0.4 % of range rms'; a fast part has words of its own."""
     if shape.get('shape'):
         return str(shape['shape'])
     words = COORDINATES.get(shape['coordinate'], shape['coordinate'])

@@ -299,9 +299,8 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ring_w
     entries: list[discrepancy.CauseEntry | ring_wording.ShapeEntry] = [
         {'shape': ring_wording.shape_words(entry), **entry} for entry in shapes]
     if fast.visible >= quantities.MATERIAL:
-        frequency = quantities.quantity(fast.frequency, 'Hz', digits=2)
         entries.append({
-            'shape': f'{fast.view} oscillates at about {frequency} in {fast.run}, '
+            'shape': f'{discrepancy.wording.fast_words(fast, "s")}, '
                      f'{quantities.percent(fast.visible)} of range rms',
             'channel': fast.view, 'coordinate': 'time', 'p_value': fast.p_value,
             'share_of_range': fast.visible})

@@ -709,7 +709,7 @@ def test_a_sentence_states_the_unit_of_time_of_the_model(unit, frequency) -> Non
     line = next(one for one in answer.summary().splitlines() if 'Evidence by run' in one)
     assert f'0 to 4.97 {unit}'.strip() + ')' in line
     fast = SimpleNamespace(view='seen', frequency=4.0, run='a', visible=0.01)
-    assert f'at about {frequency} in a' in wording.oscillation_words(fast, unit)
+    assert wording.fast_words(fast, unit) == f'seen moves at about {frequency} in a'
 
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:

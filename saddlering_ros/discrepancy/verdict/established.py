@@ -59,8 +59,9 @@ def judge_alone(search: Search, before: Residual, after: Residual, left: str,
     """
     space, fit, settings = search.space, search.fit, search.space.settings
     ids, titles = fit.candidate.ids, space.titles_of(fit)
-    fast = [wording.oscillation_words(
-        after.fast, space.problem.time_unit)] if after.fast.is_real_and_material(
+    fast = [f'{wording.fast_words(after.fast, space.problem.time_unit)} '
+            f'({percent(after.fast.visible)} of range), which no cause explains'
+            ] if after.fast.is_real_and_material(
         settings) and after.fast.visible >= space.problem.allowed_sizes[after.fast.view] else []
     if published.shares is None:
         return fast, not left

@@ -474,10 +474,11 @@ def unit_words(channel: str, factor: float) -> str:
             'in the readings and in simulate')
 
 
-def oscillation_words(fast: FastResidual, time_unit: str) -> str:
+def fast_words(fast: FastResidual, time_unit: str) -> str:
+    """'delta_y moves at about 37 mHz in static_50': it oscillates, or follows steps of a load."""
     unit = 'Hz' if time_unit == 's' else f'per {time_unit or "unit of time"}'
-    return (f'{fast.view} oscillates at about {quantity(fast.frequency, unit, digits=2)} in '
-            f'{fast.run} ({percent(fast.visible)} of range), which no cause explains')
+    return (f'{fast.view} moves at about {quantity(fast.frequency, unit, digits=2)} in '
+            f'{fast.run}')
 
 
 # Why a verdict is near its limit.
