@@ -150,8 +150,12 @@ class McapFile:
                     raise DamageError(
                         f'{self.name}: {self.message_count} of {count} messages are readable, a '
                         'record between them is damaged: copy the file again')
-        if buffer[stop:stop + len(MAGIC)] != MAGIC:
+        end = stop + len(MAGIC)
+        if buffer[stop:end] != MAGIC:
             raise self._cut_off(len(buffer))
+        if buffer[end:end + len(MAGIC)] == MAGIC:
+            raise DamageError(f'{self.name}: is two files joined, and the second begins at byte '
+                              f'{end}: make a bag of each (head -c {end}; tail -c +{end + 1})')
 
     def _record(self, buffer: mmap.mmap, position: int) -> tuple[int, int, int]:
         """Opcode, first and past-the-last byte of the content of the record at `position`."""

@@ -44,6 +44,15 @@ def test_what_is_no_bag(tmp_path, name, content, words):
     assert words in refusal(tmp_path / name)
 
 
+def test_files_that_were_joined_are_not_read_as_the_first_of_them(tmp_path, recording):
+    """`cat part_0.mcap part_1.mcap` gave the first part alone, without a word."""
+    file, = recording.write(tmp_path / 'bag').glob('*.mcap')
+    end = file.stat().st_size
+    (tmp_path / 'joined.mcap').write_bytes(2 * file.read_bytes())
+    words = refusal(tmp_path / 'joined.mcap')
+    assert f'is two files joined, and the second begins at byte {end}' in words
+
+
 @pytest.mark.parametrize('has_topics', [True, False])
 def test_a_bag_without_messages(tmp_path, recording, raw, has_topics):
     for topic in list(recording.stamps):
