@@ -143,6 +143,7 @@ def compare(before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLi
     from saddlering_ros.comparison.change import compare_records
 
     inputs.check_whole('seed', seed, 0)
+    sessions = inputs.sessions_of('between', between)
     given = inputs.inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                              on_progress=on_progress, is_cancelled=is_cancelled,
                              names=('before', 'after'))
@@ -150,7 +151,7 @@ def compare(before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLi
     earlier, later = both[:len(given.bags)], both[len(given.bags):]
     others = [inputs.for_fits(inputs.inputs_of(
         bags, rig=given.rig, trust_rig=trust_rig, on_progress=on_progress,
-        is_cancelled=is_cancelled, names=('between', '')).bags)[0] for bags in between]
+        is_cancelled=is_cancelled).bags)[0] for bags in sessions]
     change = compare_records(
         runs_of(earlier), runs_of(later), rig=given.rig,
         between=[runs_of(bags) for bags in others], seed=seed,

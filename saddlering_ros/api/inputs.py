@@ -343,17 +343,23 @@ def check_calls(on_progress: OnProgress | None, is_cancelled: IsCancelled | None
             raise ApiError(f'{name} is {_kind(given)}: give a function, or None')
 
 
+def sessions_of(name: str, given: Any) -> list[list[BagLike]]:
+    """The sessions of an argument; ApiError for one session in place of a list of them."""
+    if isinstance(given, BagLike | Mapping) or not isinstance(given, Iterable):
+        raise ApiError(f'{name} is {_kind(given)}: give a list of sessions, each a list of bags')
+    return [_several(f'{name}[{place}]', session) for place, session in enumerate(given)]
+
+
 def _several(name: str, given: Any) -> list[BagLike]:
     """The bags of an argument that is one of them or several."""
-    kinds = (Bag, Record, Path, str)
-    if isinstance(given, kinds):
+    if isinstance(given, BagLike):
         return [given]
     advice = 'give bags of read_bag or paths, one or a list of them'
     if isinstance(given, Mapping) or not isinstance(given, Iterable):
         raise ApiError(f'{name} is {_kind(given)}: {advice}')
     items = list(given)
     for place, bag in enumerate(items):
-        if not isinstance(bag, kinds):
+        if not isinstance(bag, BagLike):
             raise ApiError(f'{name}[{place}] is {_kind(bag)}: {advice}')
     return items
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from saddlering_ros import diagnose, identify, load_rig, read_bag, validate
+from saddlering_ros import compare, diagnose, identify, load_rig, read_bag, validate
 from saddlering_ros.errors import SaddleringError
 
 BAG = 'bags/dynamic_50_fast'
@@ -30,7 +30,10 @@ BAG = 'bags/dynamic_50_fast'
     (lambda: identify(BAG, on_progress=3), 'on_progress is of type int'),
     (lambda: validate(BAG, parameters=3), 'parameters: int holds none'),
     (lambda: diagnose(BAG, hold_out=None), 'hold_out is None'),
-    (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool')])
+    (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool'),
+    (lambda: compare(BAG, BAG, between=BAG), 'between is of type str: give a list of sessions'),
+    (lambda: compare(BAG, BAG, between=3), 'between is of type int: give a list of sessions'),
+    (lambda: compare(BAG, BAG, between=[[3]]), r'between\[0\]\[0\] is of type int')])
 def test_an_argument_of_a_wrong_kind_is_refused_in_one_line(call, words):
     with pytest.raises(SaddleringError, match=words) as caught:
         call()
