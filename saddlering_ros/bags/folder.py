@@ -14,6 +14,7 @@ import zstandard
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import parse_yaml, read_regular_text, YamlRefused
+from saddlering_ros.quantities import first_of
 from saddlering_ros.record import record
 from saddlering_ros.record.record import DETAILS, KEYS, TestMetadata
 
@@ -138,9 +139,9 @@ def _of_directory(path: Path) -> BagDirectory:
     if not (path / METADATA).is_file():
         if files_there:
             return BagDirectory(path, tuple(files_there))
-        below = sum(1 for _ in path.glob(f'*/{METADATA}'))
+        below = sorted(str(one.parent) for one in path.glob(f'*/{METADATA}'))
         raise BagError(
-            f'{path}: is not a bag, but a folder of {below}: give one of them, or all as {path}/*'
+            f'{path}: is not a bag, but a folder of {len(below)}: give {first_of(below, ", ")}'
             if below else f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
     described = path / METADATA
     information = parse_metadata(read_regular_text(described, BagError), str(described))

@@ -47,6 +47,10 @@ class OneLineParser(argparse.ArgumentParser):
                         if isinstance(action, argparse._SubParsersAction)]
             parser = commands[0][parsed.command] if commands else self
             options = [text for action in parser._actions for text in action.option_strings]
+            taken = [action.dest for action in parser._actions if not action.option_strings]
+            if len(taken) == 1 and not any(text.startswith('-') for text in unknown):
+                parser.error(f'takes one {taken[0]}, not {" ".join(unknown)} too: run it for '
+                             'each')
             parser.error(f'unknown: {" ".join(unknown)}'
                          + did_you_mean(unknown[0].partition('=')[0], options))
         return parsed

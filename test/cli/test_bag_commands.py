@@ -55,6 +55,16 @@ def parameters(tmp_path) -> Path:
     return path
 
 
+def test_a_folder_of_bags_and_a_second_bag_are_refused_with_what_to_type(bag, tmp_path, capsys):
+    """The advice `bags/*` named a script of the folder, and was "unknown" to `replay`."""
+    assert main(['displacement', str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (f'saddlering displacement: {tmp_path}: is not a bag, but a '
+                                       f'folder of 1: give {bag}\n')
+    with pytest.raises(SystemExit):
+        main(['displacement', str(bag), 'other', 'third'])
+    assert 'takes one bag, not other third too: run it for each;' in capsys.readouterr().err
+
+
 def table(path: Path) -> dict[str, np.ndarray]:
     """The columns of a CSV file, stamps as integers."""
     header, *lines = path.read_text().splitlines()

@@ -165,7 +165,7 @@ def test_the_help_of_every_command_says_what_it_does_and_explains_each_option(na
 
 
 @pytest.mark.parametrize(('words', 'hint'), [
-    (['info', 'bags'], 'all as bags/*'),
+    (['info', 'bags'], 'folder of 5: give bags/dynamic_50, '),
     (['info', 'docs/data/static_30.csv'], 'saddlering import docs/data/static_30.csv --draft'),
     (['generate', 'bags/static_50', '--test', 'static', '--elevation', '50'], 'give --overwrite'),
     (['import', 'docs/data/static_30.csv', '--map', 'docs/data/map_static_30.yaml', '--rig',
