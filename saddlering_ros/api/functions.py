@@ -75,6 +75,9 @@ def identify(bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
             use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
                 particles=particles, iterations=iterations, accuracy=accuracy,
                 stagnation=stagnation))
+    elif not isinstance(settings, IdentificationSettings):
+        raise inputs.ApiError(f'settings is of type {type(settings).__name__}: give '
+                              'IdentificationSettings, or None')
     settings.bounds_for(inputs.rig_of((), rig))  # a fault is reported before any bag is read
     given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
                              is_cancelled=is_cancelled)
@@ -235,6 +238,7 @@ def simulate(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     """
+    inputs.as_parameters(parameters)  # None is refused
     return _curves('simulated', simulated_stretches, bag, parameters, rig, trust_rig,
                    on_progress, is_cancelled)
 
@@ -243,6 +247,7 @@ def residual(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
              trust_rig: bool = False, on_progress: OnProgress | None = None,
              is_cancelled: IsCancelled | None = None) -> Curves:
     """Measured minus simulated displacement of a test; the arguments are those of `simulate`."""
+    inputs.as_parameters(parameters)
     return _curves('measured minus simulated', residual_stretches, bag, parameters, rig,
                    trust_rig, on_progress, is_cancelled)
 

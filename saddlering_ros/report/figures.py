@@ -187,7 +187,7 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
 def curves_path(report: Path | str) -> Path:
     """'report_curves.csv' for 'report.html'."""
     path = Path(report)
-    return path.with_name(f'{path.stem}_curves.csv')
+    return path.parent / f'{path.stem}_curves.csv'
 
 
 def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:

@@ -203,6 +203,8 @@ class ParameterSet:
 
 def read_parameters(path: Path | str) -> ParameterSet:
     """Read a parameter file; RigError (one line) when something in it cannot be used."""
+    if not isinstance(path, (str, Path)):
+        raise RigError(f'parameter file is of type {type(path).__name__}: give a path')
     return parameters_from_mapping(read_ros_parameters(Path(path)), str(path))
 
 

@@ -162,6 +162,14 @@ def test_a_result_is_printed_as_its_summary_and_shown_as_one_line(found, bags):
     assert '\n' not in repr(found) + repr(bags[0])
 
 
+@pytest.mark.parametrize('path', ['', '.'])
+def test_a_folder_in_place_of_a_report_is_refused(judged, tmp_path, monkeypatch, path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SaddleringError, match='is a directory: give the name of a file'):
+        judged.write_report(path)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.usefixtures('no_pictures')
 def test_a_report_is_written(judged, tmp_path):
     judged.write_report(tmp_path / 'page.html', command='python mine.py')

@@ -2,7 +2,17 @@
 
 import pytest
 
-from saddlering_ros import compare, diagnose, identify, load_rig, read_bag, validate
+from saddlering_ros import (
+    compare,
+    diagnose,
+    identify,
+    load_rig,
+    read_bag,
+    read_parameters,
+    residual,
+    simulate,
+    validate,
+)
 from saddlering_ros.errors import SaddleringError
 
 BAG = 'bags/dynamic_50_fast'
@@ -13,6 +23,7 @@ BAG = 'bags/dynamic_50_fast'
     (lambda: read_bag([BAG]), 'path is of type list'),
     (lambda: read_bag(BAG, elevation_deg='50'), "elevation_deg is '50'"),
     (lambda: load_rig(3), 'of type int'),
+    (lambda: read_parameters(3), 'parameter file is of type int: give a path'),
     (lambda: identify(None), 'bags is None'),
     (lambda: identify([BAG, None]), r'bags\[1\] is None'),
     (lambda: identify({'bag': BAG}), 'bags is of type dict'),
@@ -28,7 +39,10 @@ BAG = 'bags/dynamic_50_fast'
     (lambda: identify(BAG, seed=-1), 'seed is -1: give a whole number, 0 or above'),
     (lambda: diagnose(BAG, seed=-1), 'seed is -1: give a whole number, 0 or above'),
     (lambda: identify(BAG, on_progress=3), 'on_progress is of type int'),
+    (lambda: identify(BAG, settings='paper'), 'settings is of type str: give Identification'),
     (lambda: validate(BAG, parameters=3), 'parameters: int holds none'),
+    (lambda: simulate(BAG, parameters=None), 'parameters: NoneType holds none'),
+    (lambda: residual(BAG, parameters=None), 'parameters: NoneType holds none'),
     (lambda: diagnose(BAG, hold_out=None), 'hold_out is None'),
     (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool'),
     (lambda: compare(BAG, BAG, between=BAG), 'between is of type str: give a list of sessions'),
