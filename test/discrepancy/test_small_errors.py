@@ -77,15 +77,16 @@ def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
 def observed() -> SimpleNamespace:
     """Friction among small errors: the `answer`, and what the engine saw on its way.
 
-    `among` and `some_runs`: space and fit of each search; `settled`: each publication, and
-    `otherwise`: the fits by other measures that it was given.
+    `among` and `some_runs`: space and fit of each search; `searched`: its models; `settled`: each
+    publication, and `otherwise`: the fits by other measures that it was given.
     """
-    found = SimpleNamespace(among=[], some_runs=[], settled=[], otherwise=[])
+    found = SimpleNamespace(among=[], searched=[], some_runs=[], settled=[], otherwise=[])
     search, publish, confined = (engine.search_among_small_errors, published.publish_settled,
                                  engine.cause_of_some_runs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, 'search_among_small_errors', lambda given: (
-            found.among.append((given.space, given.fit)), search(given))[1])
+            found.among.append((given.space, given.fit)), found.searched.append(search(given)),
+            found.searched[-1])[-1])
         patch.setattr(engine, 'cause_of_some_runs', lambda space, fit: (
             found.some_runs.append((space, fit)), confined(space, fit))[1])
         patch.setattr(published, 'publish_settled', lambda *given: (
@@ -103,6 +104,21 @@ def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(
     size = answer.causes[0].parameters['size']
     assert abs(size.value - 0.3) < 3.0 * size.std
     assert answer.probabilities[main] > 0.9
+
+
+def test_the_evidence_of_a_cause_is_that_over_small_errors(observed) -> None:
+    """A moment arm was named with 97 % and p 1.00: its own kind is an error of the metric."""
+    [among], [cause] = observed.searched, observed.answer.causes
+    fall = 2.0 * among.group_of('friction')[2]
+    assert cause.delta_bic == pytest.approx(fall)
+    assert cause.p_value == among.space.likelihood_ratio_test(fall + among.space.log_size, 1)
+    assert observed.answer.near_limit == ()
+
+
+def test_a_verdict_among_small_errors_is_near_its_limit_by_this_evidence(monkeypatch) -> None:
+    monkeypatch.setattr(engine, 'MIN_MARGIN', 200.0)
+    [said] = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES).near_limit
+    assert said == 'friction has 1.8 times the evidence that a cause needs'
 
 
 @pytest.mark.parametrize('main', ['friction', 'cubic'])

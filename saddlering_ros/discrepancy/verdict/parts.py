@@ -360,10 +360,12 @@ Stability = tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, .
 """Refits of all models, why the verdict is near its limit, and what each stretch adds."""
 
 
-def stability_of(search: Search, taken: float | None) -> Stability:
+def stability_of(search: Search, taken: float | None,
+                 evidence: Mapping[str, float]) -> Stability:
     """How far the verdict on a model hangs on runs, on model error and on chance.
 
-    taken: share of the misfit that causes beside model error take.
+    taken: share of the misfit that causes beside model error take; evidence: of causes among
+    small errors, in the least that a cause needs.
     """
     space, fit, refits = search.space, search.fit, _refits(search)
     titles = {'': 'none', **space.problem.titles}
@@ -381,9 +383,10 @@ def stability_of(search: Search, taken: float | None) -> Stability:
         if share > 1.0 / NEAR:
             near.append(wording.almost_a_cause_words(titles[name], share, visible))
     for name in fit.candidate.ids:
-        gain = space.without(fit, name).misfit - fit.misfit
-        if gain < NEAR * space.real_gain():
-            near.append(wording.BARELY_REAL.format(titles[name], gain / space.real_gain()))
+        times = evidence[name] if name in evidence else (
+            space.without(fit, name).misfit - fit.misfit) / space.real_gain()
+        if times < NEAR:
+            near.append(wording.BARELY_REAL.format(titles[name], times))
     if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
         near.append(wording.BARELY_TAKEN.format(percent(taken), percent(MIN_TAKEN)))
     falls = space.base.whitened**2 - fit.whitened**2
