@@ -77,6 +77,9 @@ def run(args: argparse.Namespace) -> int:
     if args.out is None and not args.plan:
         raise CampaignError('no --out: give the folder for the results, or show those of a '
                             'campaign by: saddlering campaign status STORE')
+    if args.plan and args.json is not None:
+        raise CampaignError('--plan shows the sessions and makes no fleet.json: leave out one of '
+                            '--plan and --json')
     if args.store is not None:
         raise CampaignError(f'{args.store}: give one folder of bags only; --out is the folder '
                             'for the results')

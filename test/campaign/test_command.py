@@ -38,6 +38,11 @@ def test_the_plan_is_shown_and_nothing_is_written(works, tmp_path, capsys):
     assert not (tmp_path / 'store').exists()
 
 
+def test_a_plan_has_no_json_and_says_so(works, capsys):
+    assert main(['campaign', str(works), '--plan', '--json', '-']) == 2
+    assert 'leave out one of --plan and --json' in capsys.readouterr().err
+
+
 def test_an_elevation_that_no_test_has_cannot_be_held_out(works, capsys):
     assert main(['campaign', str(works), '--plan', '--hold-out', '71']) == 2
     assert '--hold-out 71: no session has a test at this elevation' in capsys.readouterr().err
