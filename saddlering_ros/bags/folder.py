@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
+from shlex import quote
 import tempfile
 from typing import Any
 
@@ -83,7 +84,7 @@ def open_directory(path: Path | str) -> BagDirectory:
         raise _other_storage(path, 'sqlite3')
     if not (path.is_file() and path.name.endswith(SUFFIXES)):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
-                       f'one of measured files by: saddlering import {path} --draft')
+                       f'one of measured files by: saddlering import {quote(str(path))} --draft')
     # A bare file; metadata.yaml beside it counts if it names the file.
     beside = path.parent / METADATA
     information: dict[str, Any] = {}

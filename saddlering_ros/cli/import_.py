@@ -1,10 +1,12 @@
 """`saddlering import`: conversion of measured files of a data logger to a bag."""
 
 import argparse
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import combinations
 import math
 from pathlib import Path
+import shlex
 import sys
 from typing import TYPE_CHECKING
 
@@ -59,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     write_text(args.map, text, ImportingError)
     print(*seen, sep='\n')
-    print(f'written: {args.map}; complete every TODO in it, then: saddlering import '
-          f'{" ".join(map(str, args.files))} --map {args.map} --out BAG')
+    command = ['saddlering', 'import', *args.files, '--map', args.map, '--out', 'BAG']
+    print(f'written: {args.map}; complete every TODO in it, then: {_typed(command)}')
     return 0
 
 
@@ -105,9 +107,14 @@ def _import(args: argparse.Namespace) -> int:
                   f'{_reading(name, max(course.highest), shown)}')
     if args.preview is not None:
         print(f'written: {args.preview}')
-    print(f'next: saddlering info {result.runs[0].path}'
-          + (f' --rig {args.rig}' if args.rig is not None else ''))
+    by = [] if args.rig is None else ['--rig', args.rig]
+    print(f'next: {_typed(["saddlering", "info", result.runs[0].path, *by])}')
     return 0
+
+
+def _typed(words: Sequence[Path | str]) -> str:
+    """A command as it is typed in a shell."""
+    return shlex.join(map(str, words))
 
 
 def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> list[str]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import resource
+import shlex
 import struct
 import warnings
 import zlib
@@ -262,6 +263,21 @@ def test_a_preview_of_another_kind_is_refused_before_the_bag_is_written(tmp_path
                  str(tmp_path / 'a.txt')]) == 2
     assert 'give a name that ends in .png' in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_commands_that_an_import_prints_can_be_typed(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('a test.csv').write_bytes((DATA / 'dynamic_30.csv').read_bytes())
+    assert main(['import', 'a test.csv', '--draft', '--map', 'a map.yaml']) == 0
+    command = capsys.readouterr().out.partition('then: saddlering ')[2]
+    assert shlex.split(command) == ['import', 'a test.csv', '--map', 'a map.yaml', '--out', 'BAG']
+    assert main(['import', 'a test.csv', '--map', str(DATA / 'map_dynamic_30.yaml'), '--out',
+                 'a bag']) == 0
+    command = capsys.readouterr().out.partition('next: saddlering ')[2]
+    assert shlex.split(command) == ['info', 'a bag']
+    assert main(['info', 'a test.csv']) == 2
+    command = capsys.readouterr().err.partition('files by: saddlering ')[2]
+    assert shlex.split(command)[:3] == ['import', 'a test.csv', '--draft']
 
 
 def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> None:
