@@ -65,6 +65,10 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
     if answer.verdict != 'unknown' or answer.explained >= results.PARTED:
         separations, by_held_out = next_test_of(
             answer.search, is_beside_error=answer.is_beside_error)
+    if answer.remainder and space.problem.assumptions.has_small_errors and (
+            answer.is_beside_error or answer.verdict == 'unknown'):
+        # By noise alone, a held-out run excluded true causes beside small errors of other kinds.
+        by_held_out = ()
     steady = (*lines, *slow_lines)
     verdict: results.Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')
