@@ -6,6 +6,7 @@ from contextlib import suppress
 from itertools import combinations
 import math
 from pathlib import Path
+import re
 import shlex
 import sys
 from typing import TYPE_CHECKING
@@ -17,6 +18,9 @@ from saddlering_ros.errors import BagError, counted, printable
 if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportResult
     from saddlering_ros.rig import Rig
+
+REMEDY = re.compile('publish (metres|newtons)')
+"""What a driver must do about a wrong unit; here the map is corrected."""
 
 COMMANDS = (Command(
     'import', 'convert files of a data logger to a bag',
@@ -137,6 +141,7 @@ def _doubts(args: argparse.Namespace, result: 'ImportResult', rig: 'Rig') -> lis
         doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
             doubts += contradictions(run.path, rig)[0]
+        doubts = [REMEDY.sub('correct unit or scale in the map', line) for line in doubts]
         lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
                   for line in dict.fromkeys(doubts)]
     return lines

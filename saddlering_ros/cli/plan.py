@@ -1,6 +1,7 @@
 """`saddlering plan`: what given tests could find, before they are made."""
 
 import argparse
+import sys
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
@@ -26,7 +27,7 @@ COMMANDS = (Command(
 def run(args: argparse.Namespace) -> int:
     """Compute and print, write or emit the plan."""
     from saddlering_ros import load_rig
-    from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
+    from saddlering_ros.diagnosis.plan import ALL_TESTS, plan_tests, PlanError, planned_test
     from saddlering_ros.quantities import percent, quantity
     from saddlering_ros.rig import PARAMETER_UNITS, TRUE_TO_SCALE
 
@@ -34,6 +35,9 @@ def run(args: argparse.Namespace) -> int:
     if len(set(tests)) < len(tests):
         raise PlanError('--test is given twice for the same test: give each test once')
     contact = TRUE_TO_SCALE if args.params is None else arguments.read_model(args)[1].contact
+    if not tests:
+        print(f'saddlering plan: without --test, four of {len(ALL_TESTS)} tests are chosen one by '
+              'one: half a minute', file=sys.stderr)
     with Bar() as bar:
         plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,
                           on_progress=bar.tell)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from saddlering_ros.cli.main import main
+from saddlering_ros.diagnosis import plan
 from saddlering_ros.diagnosis.plan import KeptSystem, PlanError, planned_test, PlannedTest, Planner
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
@@ -50,6 +52,16 @@ def test_kept_readings_are_those_of_the_ring_when_a_point_is_asked_twice():
     gain = Point(plain.base, {'load_gain': {'gain': 0.01}})
     kept = KeptSystem(ring).predict_many(run, [plain, plain, gain])
     assert np.array_equal(kept, ring.predict_many(run, [plain, plain, gain]))
+
+
+@pytest.mark.parametrize(('tests', 'is_told'), [([], True), (['--test', 'static:50'], False)])
+def test_a_plan_without_a_test_states_what_takes_long(tests, is_told, monkeypatch, capsys):
+    def refuse(*_, **__):
+        raise PlanError('stop')
+
+    monkeypatch.setattr(plan, 'plan_tests', refuse)
+    assert main(['plan', *tests]) == 2
+    assert ('without --test, four of 20 tests are chosen' in capsys.readouterr().err) == is_told
 
 
 @pytest.mark.parametrize(('typed', 'said'), [

@@ -204,7 +204,8 @@ def packed_zeros(size: int) -> bytes:
 
 @pytest.mark.parametrize(('wrong', 'said'), [
     ('scale: 0.0002, ', 'the unit or the scale of the probes is wrong'),
-    ('piston_area: 0.0000123}', 'looks like kilonewtons'),
+    ('scale: 200, ', 'and look like millimetres: correct unit or scale in the map'),
+    ('piston_area: 0.0000123}', 'looks like kilonewtons: correct unit or scale in the map'),
     ('scale: -0.2, ', 'polarity')])
 def test_an_import_says_what_info_and_the_rig_file_say(tmp_path, capsys, wrong, said) -> None:
     key = wrong.partition(':')[0]
