@@ -307,8 +307,10 @@ def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
                 f'probe {number} reads {low * 1e3:.3f} to {high * 1e3:.3f} mm, outside of the '
                 'range in the rig file (rig.probes.min_range, max_range)'))
     kept = np.isfinite(run.load)
+    # A wrong cable turns the elevation that the motion gives: it alone is to be corrected.
+    wiring = wiring_findings(rig, run.elevation, run.load, run.gaps)
     return [*findings, *_unit_of_load(rig, run.time[kept], run.load[kept]),
-            *wiring_findings(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
+            *(wiring or _elevation(rig, run))]
 
 
 def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Finding]:

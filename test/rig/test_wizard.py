@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from made_once import MadeOnce
+import numpy as np
 import pytest
 
 from benchmarks.examiner import draw_truth, plan_run, RecordSettings, RunPlan
@@ -140,6 +141,14 @@ def test_a_load_in_another_unit_is_no_wrong_elevation() -> None:
     assert any('their ratio agrees with the elevation that the bag states' in line
                for line in found)
     assert not any('agree with an elevation of' in line for line in found)
+
+
+def test_a_probe_of_wrong_polarity_is_no_wrong_elevation_too() -> None:
+    """It was "an elevation of about 97 deg (within 2.6) and the bag states 50: ... is wrong"."""
+    run = read_run(BAG, rig=RIG)
+    gaps = run.gaps * np.array([[1.0], [-1.0], [1.0], [1.0]])
+    found, = map(str, check_rig(RIG, read_raw(BAG), replace(run, gaps=gaps)))
+    assert 'wrong polarity of probe 2' in found
 
 
 def test_other_elevations_with_which_a_test_agrees_are_told(made_once, capsys) -> None:
