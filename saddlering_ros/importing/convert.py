@@ -19,7 +19,15 @@ from saddlering_ros.importing import calibration
 from saddlering_ros.importing.calibration import ImportingError, known_unit, measures, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text, REQUIRED, TO_DO
-from saddlering_ros.importing.source import Column, MOMENT, NUMBER, open_sources, Source, TEXT
+from saddlering_ros.importing.source import (
+    Column,
+    MOMENT,
+    NUMBER,
+    open_sources,
+    Source,
+    TEXT,
+    TIME_NAME,
+)
 from saddlering_ros.quantities import first_of
 from saddlering_ros.record.batches import Floats, SECOND, Stamps
 from saddlering_ros.record.record import TestMetadata
@@ -269,7 +277,6 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
 
 _LOAD = re.compile(r'load|force|kraft|last|cylinder|zylinder|pressure|druck|\bp\d?\b|^f\b', re.I)
 _PROBE = re.compile(r'eddy|probe|gap|weg|abstand|distance|displ|sensor|taster|^[sdx]_?\d', re.I)
-_TIME = re.compile(r'time|zeit|stamp|date|datum|^t\b', re.I)
 _NUMBERED = re.compile(r'(?<!\d)([1-4])(?!\d)')
 _DAY_FIRST = re.compile(r'^\s*\d{1,2}\.\d{1,2}\.\d{4}')
 _CLOCK = re.compile(r'^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$')
@@ -304,7 +311,7 @@ def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
     chosen: dict[str, Column] = {}
     for column in columns:
         is_load = _is_called(column, _LOAD)
-        if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
+        if column.kind != NUMBER or (_is_called(column, TIME_NAME) and not is_load):
             continue
         number = _NUMBERED.search(column.name.rpartition('/')[2])
         if is_load or measures(column.unit, calibration.FORCE, calibration.PRESSURE):
@@ -350,7 +357,7 @@ def _time(columns: Sequence[Column]) -> list[str]:
         if column.kind == MOMENT:
             return [f'column: {_quoted(column.name)}', 'format: file']
     dated = [column for column in columns if column.kind == TEXT and column.samples
-             and (_is_called(column, _TIME) or _is_date(column.samples[0]))]
+             and (_is_called(column, TIME_NAME) or _is_date(column.samples[0]))]
     if dated:
         clock = [column for column in dated if _CLOCK.match(column.samples[0])]
         day = [column for column in dated if column not in clock]
@@ -370,7 +377,8 @@ def _time(columns: Sequence[Column]) -> list[str]:
 
 
 def _counted(columns: Sequence[Column]) -> list[Column]:
-    return [column for column in columns if column.kind == NUMBER and _is_called(column, _TIME)]
+    return [column for column in columns
+            if column.kind == NUMBER and _is_called(column, TIME_NAME)]
 
 
 def _unit_of_time(column: Column) -> str:

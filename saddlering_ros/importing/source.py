@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import fnmatch
 from importlib import import_module
 from pathlib import Path
+import re
 import stat
 from typing import Any
 
@@ -13,7 +14,14 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import resolved
-from saddlering_ros.importing.calibration import ImportingError, known_unit, Unit
+from saddlering_ros.importing.calibration import (
+    FACTORS,
+    ImportingError,
+    known_unit,
+    measures,
+    TIME,
+    Unit,
+)
 
 BLOCK_ROWS = 1 << 16
 """Rows that are read at a time."""
@@ -25,6 +33,9 @@ with another number of columns."""
 MAX_RATE_ERROR = 1e-3
 """Share by which a rate of the map may differ from the file's own: crystals differ by less, and
 loggers state rounded rates."""
+
+TIME_NAME = re.compile(r'time|zeit|stamp|date|datum|^t\b', re.I)
+"""Names of columns that hold times."""
 
 _HDF5 = b'\x89HDF\r\n\x1a\n'
 
@@ -129,6 +140,24 @@ class Source:
             self.warn(f'columns of {1.0 / own:.6g} Hz by the file are read at {1.0 / period:.6g} '
                       'Hz, by rate: of the map: give time: {from: file} if the file is right',
                       first=column)
+        for other in self.columns if timing is None else ():
+            if other.kind == NUMBER and TIME_NAME.search(other.name.rpartition('/')[2]):
+                self._compare_steps(other, period)
+
+    def _compare_steps(self, column: Column, period: float) -> None:
+        """Note a column of times whose step is another period [s]; a count of rows is none."""
+        steps = np.diff(next(self.blocks([column.name]))[column.name])
+        unit = known_unit(column.unit) if measures(column.unit, TIME) else None
+        factors = FACTORS[TIME].values() if unit is None else [unit.factor]
+        # Of times with few digits the median step is none or two.
+        typical = [float(np.median(steps)), float(np.mean(steps))] if steps.size else [0.0]
+        step = typical[0]
+        if step > 0.0 and (step != 1.0 or unit is not None) and not any(
+                abs(one * float(factor) / period - 1.0) < MAX_RATE_ERROR
+                for factor in factors for one in typical):
+            self.warn(f'column {column.name!r} rises by {step:g} a row, and the rows are read at '
+                      f'{1.0 / period:.6g} Hz, by rate: of the map: give time: {{column: '
+                      f'{column.name}, unit: ..}} if the file is right')
 
     @property
     def warnings(self) -> list[str]:

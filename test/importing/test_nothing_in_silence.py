@@ -422,6 +422,19 @@ def test_a_rate_that_the_file_states_otherwise_is_told(tmp_path, rate, is_said) 
                    for line in result.warnings) == is_said
 
 
+@pytest.mark.parametrize(('rate', 'factor', 'is_said'), [
+    (100.0, 0.01, False), (100.0, 10.0, False), (100.0, 1.0, False), (1000.0, 0.01, True)])
+def test_a_rate_that_a_column_of_times_contradicts_is_told(tmp_path, rate, factor, is_said):
+    """100 Hz by the column Zeit and 1000 Hz by the map: D came out ten times too small."""
+    rows = [f'{factor * row};{5 + row / 100};1.0' for row in range(ROWS)]
+    (tmp_path / 'a.csv').write_text('\n'.join(['Zeit;F;G', *rows]) + '\n')
+    result = convert(tmp_path, '', document(
+        {'column': 'F', 'unit': 'kN'}, {'column': 'G', 'unit': 'mm', 'range': [0, 0.002]},
+        time={'rate': rate, 'start': '2026-11-20T08:00:00Z'}), files=['a.csv'])
+    assert any("column 'Zeit' rises by 0.01 a row, and the rows are read at 1000 Hz" in line
+               for line in result.warnings) == is_said
+
+
 def test_packed_and_missing_readings_of_netcdf_are_unpacked(tmp_path: Path) -> None:
     packed = np.arange(ROWS, dtype=np.int16)
     packed[3] = -999
