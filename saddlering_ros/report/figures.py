@@ -169,12 +169,15 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     """Frequency [Hz] and amplitude density [unit/√Hz] of samples, put on an even grid first.
 
     By Welch's method: segments that overlap by half, each without its mean and under a Hann
-    window. By hand, because scipy.signal takes a second to import.
+    window. By hand, because scipy.signal takes a second to import. Fewer than four samples of
+    the grid have none.
     """
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     filled = np.interp(even, time, values)
     count = min(256, filled.size // 2)
+    if count < 2:
+        return np.empty(0), np.empty(0)
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
     segments = np.lib.stride_tricks.sliding_window_view(filled, count)[::count - count // 2]
     segments = segments - segments.mean(axis=1, keepdims=True)
@@ -369,17 +372,22 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
         over_time.append(charts.line(run.time, values, colour, name, width=0.8))
         over_rate.append(markers(rate, values, '.', colour, size=2.2))
         frequency, density = spectrum(run.time, values)
-        over_frequency.append(charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
+        if frequency.size:
+            over_frequency.append(charts.line(
+                frequency, np.maximum(density, 1e-9), colour, width=1.0))
     views = [(f'load / {unit}', '▵ load rising, ▿ falling', over_load),
              (f'load / {unit}', '— mean, ··· half-difference', by_branch),
              ('time / s', 'over time', over_time),
              (f'load rate / ({unit}/s)', 'over load rate', over_rate)]
     label, bands = axis_label(channel), _bands(run, channel)
-    return [
-        *(Panel(0, 0, across, label, tuple(series), bands, title=title)
-          for across, title, series in views if run.test != 'static' or series is not over_rate),
-        Panel(0, 0, 'frequency / Hz', f'{label} / √Hz', tuple(over_frequency),
-              title='spectrum, µm or µrad / √Hz', x_is_log=True, y_is_log=True)]
+    panels = [Panel(0, 0, across, label, tuple(series), bands, title=title)
+              for across, title, series in views
+              if run.test != 'static' or series is not over_rate]
+    if over_frequency:
+        panels.append(Panel(
+            0, 0, 'frequency / Hz', f'{label} / √Hz', tuple(over_frequency),
+            title='spectrum, µm or µrad / √Hz', x_is_log=True, y_is_log=True))
+    return panels
 
 
 def residual_map(runs: Sequence[RunCurves]) -> Chart:
