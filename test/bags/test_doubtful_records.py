@@ -203,7 +203,7 @@ def test_a_late_probe_that_would_mirror_another_is_not_taken_for_swapped_channel
     assert 'swapped' not in ' '.join(map(str, found))
 
 
-@pytest.mark.parametrize(('factor', 'is_told'), [(1e-3, True), (0.0254, True), (0.1, False)])
+@pytest.mark.parametrize(('factor', 'is_told'), [(1e-3, True), (0.01, True), (0.05, False)])
 def test_probes_that_move_less_than_those_of_the_stiffest_ring_are_told(factor, is_told):
     """Gaps in mm that a map calls um: `identify` fitted them, and said nothing of the unit."""
     motion = 4e-10 * factor * np.array([RAMP, 1.5 * RAMP, -RAMP, -1.5 * RAMP])
