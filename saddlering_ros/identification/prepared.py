@@ -103,10 +103,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     # with little damping rings with the cell's noise, and least squares would add damping against
     # it. Longer blocks of a long record would round the corners of its load.
     load = np.asarray(uniform_filter1d(measured.load, 2 * (size // 2) + 1, mode='nearest'))
-    # Displacement per load (3,) over the whole run: the effect of small loads at rest.
     good = np.all(np.isfinite(displacement), axis=0)
-    centred = load[good] - load[good].mean()
-    explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
     errors, rounding = rest.probe_rounding(run), None
     if errors is not None:
         rounding = probes_to_displacement(rig.probes, errors).channels[:CHANNEL_COUNT]
@@ -123,6 +120,9 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         raise IdentificationError(
             f'{name}: probes are missing or at a limit of their span in most of the record: '
             'adjust their gaps and repeat the test')
+    # Displacement per load (3,) over the whole run: the effect of small loads at rest.
+    centred = load[good] - load[good].mean()
+    explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
     return PreparedRun(run, measured, displacement, load, explained, rests, branch, interval,
                        parity_at_rest(measured), rows, time, rounding)
 

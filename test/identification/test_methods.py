@@ -379,9 +379,10 @@ def test_a_plateau_that_a_probe_has_no_readings_of_is_left_out(four_runs, probe)
     assert np.all(np.abs(off / np.sqrt(np.diag(found.covariance))) < 4.0)
 
 
-@pytest.mark.parametrize('number', [0, 1])
-def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number):
-    run, rig = clipped(four_runs[number], 1.0005e-3)
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize(('number', 'limit'), [(0, 1.0005e-3), (1, 1.0005e-3), (1, 0.9e-3)])
+def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number, limit):
+    run, rig = clipped(four_runs[number], limit)
     with pytest.raises(IdentificationError, match='limit of their span') as caught:
         identify([run], rig)
     assert '\n' not in str(caught.value)
