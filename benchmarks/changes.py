@@ -1,17 +1,18 @@
 """Changes of dirty rings between two sessions: is what changed named, and nothing else?
 
-    python benchmarks/changes.py [--kind third|near|none] [--seed 1300] [--pairs 40] [--limits]
-                                 [--waves 0] [--out FILE.jsonl] [--table]
+    python benchmarks/changes.py [--kind third|near|none|moved] [--seed 1300] [--pairs 40]
+                                 [--limits] [--waves 0] [--out FILE.jsonl] [--table]
 
 The rings are those of dirty_ring.py. Their many small errors are the same in both sessions, and
 the noise of the instruments is new. third: one cause of the catalogue appears in the later
 session, at a third of the size that one session names; each pair has a ring of its own. none:
-nothing changes. near: 0.8 to 1.5 times the smallest change that an unchanged pair of the ring
-could show, five causes to a ring. Each has a twin whose noise has the opposite sign, so that
-the error by noise cancels in their mean and the bias is left. Errors of sizes are in stated
-standard deviations, positive if a size is too large. --waves: rms [um] of the waves of each
-raceway beside the small errors, of 1 to 16 maxima whose amplitudes fall as 1/m. --limits: also
-those of the later session alone, which take as long as the verdict.
+nothing changes. moved: nothing but the rollers, which stand elsewhere in the later session, with
+gaps of 1.5 um rms and stiffnesses of 3 %. near: 0.8 to 1.5 times the smallest change that an
+unchanged pair of the ring could show, five causes to a ring. Each has a twin whose noise has the
+opposite sign, so that the error by noise cancels in their mean and the bias is left. Errors of
+sizes are in stated standard deviations, positive if a size is too large. --waves: rms [um] of the
+waves of each raceway beside the small errors, of 1 to 16 maxima whose amplitudes fall as 1/m.
+--limits: also those of the later session alone, which take as long as the verdict.
 """
 
 import os
@@ -29,7 +30,7 @@ from dirty_ring import dirty_fault, hidden_in, MAIN
 from frame import arguments, keep, kept_rows, share
 from independent import draw_ring, RIG, write
 from independent_faults import Hidden
-from independent_ring import Noise, record, usual_courses
+from independent_ring import Fault, Noise, record, Ring, usual_courses
 import numpy as np
 
 from saddlering_ros import compare, read_bag
@@ -87,11 +88,23 @@ class Pair:
         return (self.value - self.true) * float(np.sign(self.true)) / self.std
 
 
+def with_own_rollers(ring: Ring, fault: Fault, seed: list[int]) -> tuple[Ring, Fault]:
+    """The ring with other rollers, at any angle."""
+    draw, usual = np.random.default_rng(seed), (fault.gap_axial, fault.gap_radial)
+    gaps = [1.5e-6 * draw.standard_normal(row.rollers) for row in (RIG.axial_rows, RIG.radial_row)]
+    axial, radial = draw.uniform(size=2).tolist()
+    return replace(ring, scatter=0.03, seed=int(draw.integers(2**31)), phases=(axial, radial)), (
+        replace(fault, gap_axial=lambda angle: gaps[0] + (usual[0](angle) if usual[0] else 0.0),
+                gap_radial=lambda angle: gaps[1] + (usual[1](angle) if usual[1] else 0.0)))
+
+
 def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path,
-            waves: float) -> list:
+            waves: float, moves: bool) -> list:
     """The bags of one session of the ring of a seed, read; draw: of the noise."""
     ring, _ = draw_ring(seed)
     fault = dirty_fault(hidden, seed, waves)
+    if moves:
+        ring, fault = with_own_rollers(ring, fault, [seed, 15, first])
     courses = [course for course in usual_courses(RIG) if course.name in TESTS]
     paths = [write(record(ring, fault, course, 1000 * draw + first + number, noise),
                    first + number, folder / str(first)) for number, course in enumerate(courses)]
@@ -100,11 +113,13 @@ def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, fold
 
 def compared(
     seed: int, hidden: Hidden, noise: Noise, draw: int, later: int, waves: float,
+    moves: bool = False,
 ) -> Change:
     """The comparison of two sessions of a ring; the hidden cause is in the later one."""
     with tempfile.TemporaryDirectory() as folder:
-        before = session(seed, hidden_in('', seed), noise, draw, 0, Path(folder), waves)
-        after = session(seed, hidden, noise, draw, later, Path(folder), waves)
+        before = session(seed, hidden_in('', seed), noise, draw, 0, Path(folder), waves,
+                         moves)
+        after = session(seed, hidden, noise, draw, later, Path(folder), waves, moves)
         return compare(before, after, rig=RIG).change
 
 
@@ -136,7 +151,7 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool, waves: flo
         noise = replace(noise, load=-noise.load, probe=-noise.probe, slow=-noise.slow)
     hidden = hidden_in(effect, seed, part)
     found = compared(seed, hidden, noise, seed + 7919 * number * (kind == 'near'), LATER,
-                     waves)
+                     waves, kind == 'moved')
     causes = found.diagnosis.causes if found.verdict != 'none' else ()
     size = next(iter(causes[0].parameters.values())) if causes else None
     ratios = [found.limits_alone[item.effect] / max(item.limit, 1e-300)
@@ -152,7 +167,7 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool, waves: flo
 def plan(kind: str, seed: int, pairs: int) -> list[tuple[int, int, str, bool]]:
     """Number, ring, hidden cause and sign of the noise of every pair."""
     return [(number, seed + (number // CAUSES_OF_A_RING if kind == 'near' else number),
-             '' if kind == 'none' else MAIN[number % len(MAIN)], twin)
+             '' if kind in ('none', 'moved') else MAIN[number % len(MAIN)], twin)
             for number in range(pairs) for twin in ((False, True) if kind == 'near' else (False,))]
 
 
@@ -190,9 +205,11 @@ def report(rows: Sequence[Pair]) -> None:
                            ('alone', [row for row in named if row.verdict == 'named'])):
             if own:
                 print(f'    {words}: {bias(own)}')
-    unchanged = [row for row in rows if row.kind == 'none']
-    if unchanged:
-        print('unchanged, accused:', share(row.is_established for row in unchanged), 'none:',
+    for kind in ('none', 'moved'):
+        unchanged = [row for row in rows if row.kind == kind]
+        if not unchanged:
+            continue
+        print(f'{kind}, accused:', share(row.is_established for row in unchanged), 'none:',
               share(row.verdict == 'none' for row in unchanged))
     gains = [row.gain for row in rows if row.gain]
     if gains:

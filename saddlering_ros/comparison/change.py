@@ -42,6 +42,11 @@ DOUBTS = {
 }
 """Reason for doubt and the test that settles it, by the detail that differs between sessions."""
 
+MOVED_ROLLERS = (
+    'the rollers seem to stand elsewhere than in the earlier session, as after slewing: each '
+    'session is judged with unequal rollers of its own, so that small changes do not show')
+
+
 class ComparisonError(SaddleringError):
     """Sessions that cannot be compared; one line: fault, place, remedy."""
 
@@ -175,12 +180,17 @@ def compare_records(
     start = dict(zip(PARAMETER_NAMES, law.tolist(), strict=True))
     renewed, said = renewed_between(before, after)
     system = TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed)
-    diagnosis = discrepancy.diagnose_system(Problem(
+    problem = Problem(
         system, [one.run for one in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
         assumptions=discrepancy.Assumptions(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
-        watch=Watch('diagnose', on_progress, is_cancelled)))
+        watch=Watch('diagnose', on_progress, is_cancelled))
+    diagnosis = discrepancy.diagnose_system(problem)
+    if diagnosis.verdict != 'none' and sessions.have_rollers_moved(diagnosis, system):
+        system = replace(system, are_rollers_moved=True)
+        diagnosis = discrepancy.diagnose_system(replace(problem, system=system))
+        said.append(MOVED_ROLLERS)
     if ring.raceways:
         said.append(f'{ring_wording.wave_words(rms_of(ring.raceways))} are as far as the earlier '
                     'session shows them: the contact law before is fitted with them, and has no '

@@ -10,6 +10,7 @@ sessions beside the causes decides whether a cause is established.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain, compress
 import math
 
 import numpy as np
@@ -18,6 +19,7 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy.search.among import MIN_MARGIN
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.quantities import WIDTH_95
@@ -77,12 +79,14 @@ class TwoSessions:
     """The engine's `System` for two sessions of one ring.
 
     earlier: names of the runs of the earlier session; every other run is of the later one;
-    renewed: uncertainty of the difference of each instrument that was calibrated between them.
+    renewed: uncertainty of the difference of each instrument that was calibrated between them;
+    are_rollers_moved: whether slewing between the sessions may have moved the rollers.
     """
 
     ring: RingSystem
     earlier: frozenset[str]
     renewed: Instruments = field(default_factory=Instruments)
+    are_rollers_moved: bool = False
 
     def __post_init__(self) -> None:
         ring = self.ring
@@ -141,8 +145,9 @@ class TwoSessions:
         """
         seen = [seen_in(self.session_of(run), point) for run in runs]
         renewed = replace(self.ring, rig=replace(self.ring.rig, instruments=self.renewed))
-        columns = []
-        for run, here, usual in zip(runs, seen, self.ring.nuisances_at(runs, seen), strict=True):
+        columns, moved = [], self._moved_rollers(runs, seen)
+        for run, here, usual, rollers in zip(
+                runs, seen, self.ring.nuisances_at(runs, seen), moved, strict=True):
             errors = [beside(here, error, self.ring.rig) for error in self.persistent]
             predicted = self.ring.predict_many(
                 run, [here, Point(here.base), *(larger for _, larger in errors)])
@@ -150,9 +155,23 @@ class TwoSessions:
             renewals = renewed.instrument_errors(run, point.base)
             renewals = [change * (self.session_of(run) == LATER) for change in renewals]
             columns.append(np.concatenate(
-                [usual, *(change[:, :, None] for change in renewals),
+                [usual, rollers, *(change[:, :, None] for change in renewals),
                  np.moveaxis(persistent, 0, -1)], axis=2))
         return columns
+
+    def _moved_rollers(self, runs: Sequence[RunBlocks], points: Sequence[Point]) -> list[Array]:
+        """Columns (C, N, k) of the difference by unequal rollers that stand elsewhere later."""
+        if not self.are_rollers_moved:
+            return [np.zeros((*run.channels.shape, 0)) for run in runs]
+        is_later = [self.session_of(run) == LATER for run in runs]
+        later = iter(self.ring.other_rollers(
+            list(compress(runs, is_later)), list(compress(points, is_later))))
+        first = next(later)
+        columns = chain([first], later)
+        # Two rollers differ by twice the variance of one.
+        return [math.sqrt(2.0) * next(columns) if there else np.zeros(
+            (*run.channels.shape, first.shape[2])) for run, there in zip(
+                runs, is_later, strict=True)]
 
     @cached_property
     def persistent(self) -> list[dict[str, dict[str, float]]]:
@@ -257,6 +276,29 @@ def with_main_cause(
                                     if not isinstance(one, discrepancy.wording.OfPrediction)))
     return replace(stated, probabilities=discrepancy.probabilities_of(
         stated.verdict, stated.causes, share))
+
+
+def have_rollers_moved(diagnosis: Diagnosis, system: TwoSessions) -> bool:
+    """Whether unequal rollers that stand elsewhere later, with the causes or alone, are likely.
+
+    By the marginal likelihood with such rollers over that of the causes without, and by no less
+    where the rollers explain a change about as well as its causes.
+    """
+    metric, before, after = diagnosis.fits.metric, diagnosis.fits.before, diagnosis.fits.after
+    problem = replace(metric.problem, system=replace(system, are_rollers_moved=True))
+    price = math.log(problem.size)
+    deviances = []
+    for fit in (before, after):
+        moved = replace(metric, problem=problem).with_nuisances(fit.point, fit.prediction)
+        # One linear step, whose parameters have their whole range as a prior.
+        white = moved.whiten(np.column_stack([
+            discrepancy.tangent(metric, fit).plain, fit.prediction - problem.measured]))
+        slopes, residual = white[:, :-1], white[:, -1]
+        along = slopes.T @ residual
+        taken = along @ np.linalg.solve(slopes.T @ slopes + np.eye(along.size), along)
+        deviances.append(residual @ residual - taken + moved.shared.volume + price * along.size)
+    without = after.misfit + metric.shared.volume + price * after.theta_unit.size
+    return bool(min(deviances) < without + 2.0 * MIN_MARGIN)
 
 
 def left_between(diagnosis: Diagnosis, prediction: Array, system: TwoSessions) -> float:

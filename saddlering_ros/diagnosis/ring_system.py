@@ -239,34 +239,32 @@ class RingSystem:
         parts, known = [], []
         for run, point in zip(runs, points, strict=True):
             usual = self.predict_many(run, [point])[0]  # A law of the user is in it.
-            law, extension = self.candidate(point)
-            contacts = self._four_probes(run, [(law, extension.only(MOTION))])[0]
-            grid: LoadGrid = run.payload
-            static = run.rate is None or not np.any(run.rate)
-            scatter = small_errors.scatter_columns(
-                self.rig, law, grid.elevation, grid.zero_load, run.time, contacts,
-                static=static)[self.seen]
             parts.append(np.concatenate(
-                [scatter, self._phase_columns(run, point), self._wave_columns(run, point)],
-                axis=2))
+                [self._roller_columns(run, point), self._wave_columns(run, point)], axis=2))
             known.append(np.stack([
                 *small_errors.known_errors(
                     self.rig, partial(self._predict_by, run, point), usual),
                 *self.instrument_errors(run, point.base)], axis=-1))
-        joined = small_errors.compressed(
-            np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
-        blocks = np.split(joined, np.cumsum([run.channels.size for run in runs])[:-1])
-        return [
-            np.concatenate([block.reshape(*run.channels.shape, -1), load, own], axis=2)
-            for run, block, load, own in zip(
-                runs, blocks, self._load_noise(runs, points), known, strict=True)]
+        return [np.concatenate(each, axis=2) for each in zip(
+            _compressed(parts), self._load_noise(runs, points), known, strict=True)]
 
-    def _phase_columns(self, run: RunBlocks, point: Point) -> Array:
-        """Changes (C, N, 12) by one standard deviation of the place of the rollers."""
+    def other_rollers(self, runs: Sequence[RunBlocks], points: Sequence[Point]) -> list[Array]:
+        """Columns (C, N, k) by one standard deviation of unequal rollers, which all runs share."""
+        return _compressed(list(map(self._roller_columns, runs, points)))
+
+    def _roller_columns(self, run: RunBlocks, point: Point) -> Array:
+        """Changes (C, N, k) by one standard deviation of each roller, and of their place."""
         law, usual = self.candidate(point)
+        contacts = self._four_probes(run, [(law, usual.only(MOTION))])[0]
+        grid: LoadGrid = run.payload
+        static = run.rate is None or not np.any(run.rate)
+        scatter = small_errors.scatter_columns(
+            self.rig, law, grid.elevation, grid.zero_load, run.time, contacts,
+            static=static)[self.seen]
         every = self.simulated(
             run, [(law, one) for one in (usual, *small_errors.at_other_phases(usual))])
-        return np.moveaxis(small_errors.phase_errors(every[1:] - every[0]), 0, -1)
+        place = small_errors.phase_errors(every[1:] - every[0])
+        return np.concatenate([scatter, np.moveaxis(place, 0, -1)], axis=2)
 
     def _wave_columns(self, run: RunBlocks, point: Point) -> Array:
         """Changes (C, N, k) by one standard deviation of each wave; none without waves."""
@@ -442,3 +440,11 @@ def _starts(effect: catalogue_of_effects.RingEffect,
                  item.name: item.low * (item.high / item.low) ** share}
                 for share in (0.15, 0.85)]
     return tuple(starts)
+
+
+def _compressed(parts: Sequence[Array]) -> list[Array]:
+    """Columns (C, N, k) of each run with the covariance of `parts`, whose errors runs share."""
+    joined = small_errors.compressed(
+        np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
+    blocks = np.split(joined, np.cumsum([part[..., 0].size for part in parts])[:-1])
+    return [block.reshape(*part.shape[:2], -1) for block, part in zip(blocks, parts, strict=True)]

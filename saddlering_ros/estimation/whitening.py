@@ -242,6 +242,11 @@ class SharedErrors:
         return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
 
     @property
+    def volume(self) -> float:
+        """Logarithm of the determinant of the covariance, over that of the scatter alone."""
+        return float(np.log1p(self.strength**2).sum())
+
+    @property
     def dimensions(self) -> float:
         """Number of dimensions that the errors remove from the residuals."""
         return float((1.0 - (1.0 - self.shrink) ** 2).sum())

@@ -14,6 +14,7 @@ from saddlering_ros.virtual_rig.integrator import Scatter
 
 RIG = default_rig()
 EPOCH, DAY, HALF_HOUR = 1_760_000_000, 86_400, 1_800
+USUAL = Scatter(1e-6, 0.02)
 TESTS = (('static', 50.0), ('dynamic', 50.0))
 
 
@@ -36,16 +37,16 @@ def with_size(effects: Sequence[EffectRequest], name: str, size: float) -> list[
 def session(
     day: int, effects: Sequence[EffectRequest], *, tests: Sequence[tuple[str, float]] = TESTS,
     contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1', rollers: int = 7,
-    step: float = 2.0 * TONNE, rig: Rig = RIG,
+    step: float = 2.0 * TONNE, rig: Rig = RIG, scatter: Scatter = USUAL,
 ) -> list[Record]:
-    """Records of a session on a day of the ring with rollers of this number.
+    """Records of a session on a day of the ring with rollers of this number and scatter.
 
     step [N]: from one held load to the next; rig: as it stands, whatever its file says.
     """
     records = []
     for number, (test, degrees) in enumerate(tests):
         physical = PhysicalRig(rig, contact, math.radians(degrees), tuple(effects),
-                               Scatter(1e-6, 0.02), rollers)
+                               scatter, rollers)
         schedule = (experiment.static_schedule(RIG, hold=2.5, step=step) if test == 'static'
                     else experiment.dynamic_schedule(RIG, duration=8.0))
         made = record_test(TestPlan(

@@ -19,6 +19,7 @@ from saddlering_ros.comparison.change import (
     ComparisonError,
     contact_of_sessions,
     estimates_of,
+    MOVED_ROLLERS,
     renewed_between,
 )
 from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
@@ -44,6 +45,7 @@ from saddlering_ros.report.reports import (
     write_change_page,
 )
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig.integrator import Scatter
 
 
 @pytest.fixture(scope='module')
@@ -487,3 +489,20 @@ def test_a_contact_parameter_that_a_session_does_not_determine_has_no_interval()
     assert after == 'not determined by these data (best known 3.00 × 10⁵ N s/m)'
     for open_std in (0.2, math.nan):
         assert contact_words('n2', [Estimate(1.1, open_std, '')])[0].startswith('not determined')
+
+
+@pytest.mark.parametrize(('force', 'verdict'), [(350.0, 'none'), (3000.0, 'named')])
+def test_rollers_that_stand_elsewhere_are_no_change_of_the_ring(force, verdict):
+    """After slewing, a ring without a change had another axial clearance or another K1."""
+    usual = {'tests': (*TESTS, ('static', 70.0)), 'scatter': Scatter(1.5e-6, 0.03)}
+    later = with_size(dirt(), 'radial_friction', force)
+    change = compare_records(
+        session(0, dirt(), **usual), session(30, later, rollers=8, **usual), rig=RIG)
+    assert change.verdict == verdict
+    assert MOVED_ROLLERS in change.notes
+    assert [cause.effect for cause in change.diagnosis.causes] == ['radial_friction'] * (
+        verdict == 'named')
+
+
+def test_rollers_that_stand_as_before_are_not_told_to_have_moved(grown):
+    assert MOVED_ROLLERS not in grown.notes
