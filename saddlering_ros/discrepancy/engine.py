@@ -178,8 +178,10 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
     With it its stability, and whether a law that is not in it does as well or better. Beside
     learnt error a cause of some runs can be error.
     """
+    order = {name: place for place, cause in enumerate(sorted(
+        answer.published.causes, key=lambda cause: -cause.visible)) for name in cause.group}
     stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None,
-                             answer.evidence)
+                             answer.evidence, order)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(
         stability[0], strict.space.problem.titles) if is_established else []

@@ -10,7 +10,7 @@ import pytest
 from saddlering_ros import discrepancy
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, Problem, Settings
 from saddlering_ros.discrepancy.search.evidence import Comparison
-from saddlering_ros.discrepancy.verdict import published
+from saddlering_ros.discrepancy.verdict import published, wording
 
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)
@@ -70,6 +70,7 @@ def test_a_cause_with_which_runs_may_be_predicted_no_better_has_no_name(monkeypa
     found = diagnosed(0.0, late=0.3)
     assert found.verdict == 'unknown'
     assert any(note.endswith('so that there may be none') for note in found.warnings)
+    assert wording.uncertain_gain_words((-0.5, -0.1)).endswith('so that they are predicted worse')
 
 
 def test_a_size_stopped_by_its_bound_is_said_to_be() -> None:

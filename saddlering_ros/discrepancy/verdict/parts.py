@@ -361,13 +361,13 @@ Stability = tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, .
 
 
 def stability_of(search: Search, taken: float | None,
-                 evidence: Mapping[str, float]) -> Stability:
+                 evidence: Mapping[str, float], order: Mapping[str, int]) -> Stability:
     """How far the verdict on a model hangs on runs, on model error and on chance.
 
     taken: share of the misfit that causes beside model error take; evidence: of causes among
-    small errors, in the least that a cause needs.
+    small errors, in the least that a cause needs; order: place of the cause of each effect.
     """
-    space, fit, refits = search.space, search.fit, _refits(search)
+    space, fit, refits = search.space, search.fit, _refits(search, order)
     titles = {'': 'none', **space.problem.titles}
     others = [refit for refit in refits if not refit.is_same]
     near = [wording.OTHER_WITHOUT_RUN.format(refit.change, titles[refit.first or ''])
@@ -398,7 +398,7 @@ def stability_of(search: Search, taken: float | None,
     return refits, tuple(near), influence
 
 
-def _refits(search: Search) -> tuple[Refit, ...]:
+def _refits(search: Search, order: Mapping[str, int]) -> tuple[Refit, ...]:
     """Refits of all models to first order, each with the first cause that it ends in.
 
     A refit ends in the same first cause if its best model shares an effect with the model found
@@ -436,7 +436,7 @@ def _refits(search: Search) -> tuple[Refit, ...]:
         is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
                       for effect in effects) if effects else not wanted
         first = min((effect.id for effect in effects), default=None, key=lambda name: (
-            name not in wanted))
+            name not in wanted, order.get(name, len(order))))
         answers.append(Refit(change, first, is_same))
     return tuple(answers)
 

@@ -379,8 +379,9 @@ def weak_words(title: str, shares: results.Shares, needed: float) -> str:
 
 def uncertain_gain_words(interval: tuple[float, float]) -> OfPrediction:
     low, high = map(percent, interval)
+    end = 'they are predicted worse' if interval[1] < 0.0 else 'there may be none'
     return OfPrediction(f'the misfit reduction on predicted runs is between {low} and {high} '
-                        '(95 % interval), so that there may be none')
+                        f'(95 % interval), so that {end}')
 
 
 def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') -> str:
