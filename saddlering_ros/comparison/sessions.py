@@ -10,7 +10,6 @@ sessions beside the causes decides whether a cause is established.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain, compress
 import math
 
 import numpy as np
@@ -166,15 +165,9 @@ class TwoSessions:
         """Columns (C, N, k) of the difference by unequal rollers that stand elsewhere later."""
         if not self.are_rollers_moved:
             return [np.zeros((*run.channels.shape, 0)) for run in runs]
-        is_later = [self.session_of(run) == LATER for run in runs]
-        later = iter(self.ring.other_rollers(
-            list(compress(runs, is_later)), list(compress(points, is_later))))
-        first = next(later)
-        columns = chain([first], later)
         # Two rollers differ by twice the variance of one.
-        return [math.sqrt(2.0) * next(columns) if there else np.zeros(
-            (*run.channels.shape, first.shape[2])) for run, there in zip(
-                runs, is_later, strict=True)]
+        return [math.sqrt(2.0) * columns * (self.session_of(run) == LATER) for run, columns
+                in zip(runs, self.ring.other_rollers(runs, points), strict=True)]
 
     @cached_property
     def persistent(self) -> list[dict[str, dict[str, float]]]:
@@ -293,13 +286,10 @@ def have_rollers_moved(diagnosis: Diagnosis, system: TwoSessions) -> bool:
     deviances = []
     for fit in (before, after):
         moved = replace(metric, problem=problem).with_nuisances(fit.point, fit.prediction)
-        # One linear step, whose parameters have their whole range as a prior.
         white = moved.whiten(np.column_stack([
             discrepancy.tangent(metric, fit).plain, fit.prediction - problem.measured]))
-        slopes, residual = white[:, :-1], white[:, -1]
-        along = slopes.T @ residual
-        taken = along @ np.linalg.solve(slopes.T @ slopes + np.eye(along.size), along)
-        deviances.append(residual @ residual - taken + moved.shared.volume + price * along.size)
+        deviances.append(discrepancy.stepped_misfit(white.T @ white)
+                         + moved.shared.volume + price * fit.theta_unit.size)
     without = after.misfit + metric.shared.volume + price * after.theta_unit.size
     return bool(min(deviances) < without + MOVED_MARGIN)
 

@@ -11,7 +11,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.law.families import HYSTERESIS, MEMORY, PLAY
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
-from saddlering_ros.discrepancy.problem.fits import refits_to_held_out, tangent
+from saddlering_ros.discrepancy.problem.fits import refits_to_held_out, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.metric import (
     model_error_columns,
     noise_metric,
@@ -64,4 +64,5 @@ __all__ = [
     'SizeEntry', 'System', 'SystemWithTangents', 'Term',
     'check', 'describe', 'diagnose', 'diagnose_system', 'direction_of', 'model_error_columns',
     'noise_metric', 'nuisance_columns', 'observed', 'prepare', 'probabilities_of',
-    'refits_to_held_out', 'space_beside_error', 'tangent', 'wording']
+    'refits_to_held_out', 'space_beside_error', 'stepped_misfit', 'tangent',
+    'wording']
