@@ -5,7 +5,7 @@ cause explains it, which causes cannot be told apart, and what no cause of the c
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import time as clock
 
 import numpy as np
@@ -18,7 +18,7 @@ from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search import selection
-from saddlering_ros.discrepancy.search.among import MIN_MARGIN, search_among_small_errors
+from saddlering_ros.discrepancy.search.among import search_among_small_errors
 from saddlering_ros.discrepancy.search.evidence import with_forms
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
@@ -121,8 +121,7 @@ class Answer:
 
     before, after: residuals in the metric without learnt model error; explained: share of
     the misfit that the causes explain; taken: share of the misfit's power that they take in their
-    best view; is_beside_error: whether the causes are judged beside learnt error of the model;
-    evidence: of causes among small errors, in the least that a cause needs.
+    best view; is_beside_error: whether the causes are judged beside learnt error of the model.
     """
 
     search: Search
@@ -135,7 +134,6 @@ class Answer:
     explained: float
     taken: float
     is_beside_error: bool = False
-    evidence: Mapping[str, float] = field(default_factory=dict)
 
     def doubted(self, doubts: Sequence[str]) -> 'Answer':
         """The same with reasons, if there are any, why no cause is established."""
@@ -178,10 +176,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, parts.Stability, bo
     With it its stability, and whether a law that is not in it does as well or better. Beside
     learnt error a cause of some runs can be error.
     """
-    order = {name: place for place, cause in enumerate(sorted(
-        answer.published.causes, key=lambda cause: -cause.visible)) for name in cause.group}
     stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None,
-                             answer.evidence, order)
+                             answer.published.causes)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(
         stability[0], strict.space.problem.titles) if is_established else []
@@ -316,12 +312,10 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     if doubts:
         return None, [wording.suspect_words(alone.problem.titles[main], doubts)]
     # What the small errors could take of the main cause is left.
-    answer = _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
+    return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
         wording.OUTLIER.format(alone.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
-        1.0 - 1.0 / among.times(main), is_established=True)
-    return replace(answer, evidence={
-        cause.effect: 0.5 * cause.delta_bic / MIN_MARGIN for cause in published.causes}), []
+        1.0 - 1.0 / among.times(main), is_established=True), []
 
 
 def _beside_error(strict: Answer) -> Answer:

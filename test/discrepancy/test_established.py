@@ -880,14 +880,16 @@ def test_a_refit_may_end_in_any_model_that_was_fitted(monkeypatch: pytest.Monkey
         engine, 'stability_of', lambda search, *more: seen.append(search) or real(search, *more))
     runs = [replace(run, outputs={'seen': run.outputs['seen'] + 0.5 * run.inputs['drive'] ** 3})
             for run in (record(number, 0.2, 0.0) for number in range(3))]
-    assert {cause.effect for cause in diagnose(MODEL, runs).causes} == {'friction', 'cubic'}
+    causes = diagnose(MODEL, runs).causes
+    assert {cause.effect for cause in causes} == {'friction', 'cubic'}
     # A verdict on rows of unequal size said that 100 % have the same first cause: a friction.
     for name in ('friction', 'cubic'):
-        assert {refit.first for refit in real(seen[-1], None, {}, {name: 0})[0]} == {name}
+        ordered = [replace(cause, visible=float(cause.effect == name)) for cause in causes]
+        assert {refit.first for refit in real(seen[-1], None, ordered)[0]} == {name}
     space = seen[-1].space
     friction = next(fit for fit in space.single_effect_fits()
                     if fit.candidate.ids == ('friction',))
-    refits = real(replace(seen[-1], fit=friction, alternatives={}), None, {}, {})[0]
+    refits = real(replace(seen[-1], fit=friction, alternatives={}), None, [])[0]
     assert all(refit.is_same and refit.first == 'friction' for refit in refits)
 
 
@@ -908,7 +910,7 @@ def test_an_unfinished_fit_is_no_cause_that_refits_end_in(monkeypatch: pytest.Mo
     space.fits[friction.candidate.key] = run_refits(
         space.metric, [refit(space.metric, friction.candidate, far, rounds=0)])[0]
     assert space.fits[friction.candidate.key].misfit > space.base.misfit
-    assert {one.first for one in real(seen[-1], None, {}, {})[0]} == {None}
+    assert {one.first for one in real(seen[-1], None, [])[0]} == {None}
 
 
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -116,7 +116,7 @@ def test_the_evidence_of_a_cause_is_that_over_small_errors(observed) -> None:
 
 
 def test_a_verdict_among_small_errors_is_near_its_limit_by_this_evidence(monkeypatch) -> None:
-    monkeypatch.setattr(engine, 'MIN_MARGIN', 200.0)
+    monkeypatch.setattr(established, 'MIN_MARGIN', 200.0)
     [said] = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES).near_limit
     assert said == 'friction has 1.8 times the evidence that a cause needs'
 

@@ -344,9 +344,11 @@ def judge_among(strict: Search, among: Among, before: Residual,
 
 def _with_evidence(among: Among, cause: Cause) -> Cause:
     """A cause with its evidence over small errors, of which its own kind is one in the metric."""
-    fall, extra = 2.0 * among.group_of(cause.effect)[2], len(cause.definition.ordered)
-    return replace(cause, delta_bic=fall, p_value=among.space.likelihood_ratio_test(
-        fall + extra * among.space.log_size, extra))
+    margin, extra = among.group_of(cause.effect)[2], len(cause.definition.ordered)
+    p_value = among.space.likelihood_ratio_test(
+        2.0 * margin + extra * among.space.log_size, extra)
+    return replace(cause, delta_bic=2.0 * margin, p_value=p_value,
+                   times_needed=margin / MIN_MARGIN)
 
 
 def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:

@@ -360,13 +360,14 @@ Stability = tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, .
 """Refits of all models, why the verdict is near its limit, and what each stretch adds."""
 
 
-def stability_of(search: Search, taken: float | None,
-                 evidence: Mapping[str, float], order: Mapping[str, int]) -> Stability:
-    """How far the verdict on a model hangs on runs, on model error and on chance.
+def stability_of(
+        search: Search, taken: float | None, causes: Sequence[results.Cause]) -> Stability:
+    """How far the verdict on a model with its causes hangs on runs, on model error and on chance.
 
-    taken: share of the misfit that causes beside model error take; evidence: of causes among
-    small errors, in the least that a cause needs; order: place of the cause of each effect.
+    taken: share of the misfit that causes beside model error take.
     """
+    order = {name: place for place, cause in enumerate(sorted(
+        causes, key=lambda cause: -cause.visible)) for name in cause.group}
     space, fit, refits = search.space, search.fit, _refits(search, order)
     titles = {'': 'none', **space.problem.titles}
     others = [refit for refit in refits if not refit.is_same]
@@ -382,11 +383,8 @@ def stability_of(search: Search, taken: float | None,
             for one in singles), default=(0.0, '', 0.0))
         if share > 1.0 / NEAR:
             near.append(wording.almost_a_cause_words(titles[name], share, visible))
-    for name in fit.candidate.ids:
-        times = evidence[name] if name in evidence else (
-            space.without(fit, name).misfit - fit.misfit) / space.real_gain()
-        if times < NEAR:
-            near.append(wording.BARELY_REAL.format(titles[name], times))
+    near += [wording.BARELY_REAL.format(titles[cause.effect], cause.times_needed)
+             for cause in causes if cause.times_needed < NEAR]
     if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
         near.append(wording.BARELY_TAKEN.format(percent(taken), percent(MIN_TAKEN)))
     falls = space.base.whitened**2 - fit.whitened**2
@@ -401,8 +399,9 @@ def stability_of(search: Search, taken: float | None,
 def _refits(search: Search, order: Mapping[str, int]) -> tuple[Refit, ...]:
     """Refits of all models to first order, each with the first cause that it ends in.
 
-    A refit ends in the same first cause if its best model shares an effect with the model found
-    or with an alternative to it, or has a law that contains such an effect or is contained in it.
+    order: place of the cause of each effect. A refit ends in the same first cause if its best
+    model shares an effect with the model found or with an alternative to it, or has a law that
+    contains such an effect or is contained in it.
     Bounds do not stop a step: where an effect of the other sign fits as well, so may another law.
     """
     space = search.space

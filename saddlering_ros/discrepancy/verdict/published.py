@@ -182,7 +182,8 @@ def _publication(search: Search, sources: Sequence[Fit], before: Residual, after
     size_error = SIZE_ERROR if otherwise else 0.0
     causes = []
     for effect, variant, indices in model.parts:
-        evidence = Comparison(space, less[effect.id], fit).evidence()
+        compared = Comparison(space, less[effect.id], fit)
+        evidence = compared.evidence()
         others_named = {other for alternative in search.alternatives.get(effect.id, ())
                         for other in alternative.candidate.ids} - {*model.candidate.ids}
         sizes = with_form_error(effect, _estimates(
@@ -193,7 +194,8 @@ def _publication(search: Search, sources: Sequence[Fit], before: Residual, after
             effect=effect.id, definition=effect, variant=variant,
             group=(effect.id, *sorted(others_named)),
             parameters=sizes, p_value=evidence.p_value, delta_bic=evidence.delta_bic,
-            visible=evidence.visible, gain=gains[less[effect.id].candidate.key]))
+            visible=evidence.visible, gain=gains[less[effect.id].candidate.key],
+            times_needed=compared.gain / space.real_gain()))
     whole = gains.get(base.candidate.key, Gain(0.0, 0.0, 'none'))
     # Where all causes together, or one surely, predict worse.
     titles = [problem.titles[cause.effect] for cause in causes]

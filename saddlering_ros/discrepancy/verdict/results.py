@@ -69,7 +69,8 @@ class CauseEntry(_CausePartial):
     group: every id that these data cannot separate from the effect; titles: of each, for a ring.
     partial: the cause is real, and something else is wrong besides. may_be_absent: it explains
     little, and the 95 % interval of its size includes the size at which it does nothing.
-    another_law: a law of another shape predicts the residual of this one.
+    another_law: a law of another shape predicts the residual of this one. times_needed: evidence
+    over the least that a cause needs.
     """
 
     effect: str
@@ -100,6 +101,7 @@ class Cause:
     partial: bool = False
     elsewhere: tuple[Mapping[str, float], ...] = ()
     another_law: AnotherLaw | None = None
+    times_needed: float = math.inf
 
     @property
     def may_be_absent(self) -> bool:
