@@ -138,8 +138,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def no_next_test(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let diagnoses propose no further test: simulated ones are a fifth of a ring's diagnosis."""
-    monkeypatch.setattr('saddlering_ros.discrepancy.engine.next_test_of',
-                        lambda *_, **__: ((), ()))
+    monkeypatch.setattr('saddlering_ros.discrepancy.engine.open_models', lambda search: None)
 
 
 @pytest.fixture(scope='session')

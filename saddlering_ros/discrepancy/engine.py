@@ -12,7 +12,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.law.of_residual import law_for
 from saddlering_ros.discrepancy.law.proposal import LawProposal
-from saddlering_ros.discrepancy.next_step import next_test_of
+from saddlering_ros.discrepancy.next_step import open_models
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
@@ -62,13 +62,13 @@ def diagnose_system(problem: Problem) -> results.Diagnosis:
     published = answer.published
     separations: tuple[results.Separation, ...] = ()
     by_held_out: tuple[results.HeldOutEvidence, ...] = ()
-    if answer.verdict != 'unknown' or answer.explained >= results.PARTED:
-        separations, by_held_out = next_test_of(
-            answer.search, is_beside_error=answer.is_beside_error)
-    if answer.remainder and space.problem.assumptions.has_small_errors and (
-            answer.is_beside_error or answer.verdict == 'unknown'):
+    if (answer.verdict != 'unknown' or answer.explained >= results.PARTED) and (
+            models := open_models(answer.search)):
+        separations = models.separations()
         # By noise alone, a held-out run excluded true causes beside small errors of other kinds.
-        by_held_out = ()
+        if not (answer.remainder and space.problem.assumptions.has_small_errors and (
+                answer.is_beside_error or answer.verdict == 'unknown')):
+            by_held_out = models.judged_by_held_out(is_beside_error=answer.is_beside_error)
     steady = (*lines, *slow_lines)
     verdict: results.Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')

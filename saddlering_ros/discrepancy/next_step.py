@@ -46,33 +46,27 @@ JOINT_FITS = 2
 held-out runs, and then from the best one that does."""
 
 
-def next_test_of(
-    search: Search, *, is_beside_error: bool
-) -> tuple[tuple[Separation, ...], tuple[HeldOutEvidence, ...]]:
-    """Tests that part open models, the best first, and what held-out runs say of these.
-
-    is_beside_error: whether the models are judged beside learnt error of the model.
-    """
+def open_models(search: Search) -> 'OpenModels | None':
+    """The models that a search leaves open; None if it leaves one."""
     space, fit = search.space, search.fit
     others = [(other, space.without(fit, name))
               for name, models in search.alternatives.items() for other in models]
     if not others:
-        return (), ()
+        return None
     space.watch.progress('next test', 0.85)
     pairs = [(fit, others[0][1]), *others]
     fits = list({fit.candidate.key: fit for pair in pairs for fit in pair}.values())
     keys = [fit.candidate.key for fit in fits]
     own, less = ([keys.index(fit.candidate.key) for fit in side]
                  for side in zip(*pairs, strict=True))
-    models = _OpenModels(
+    return OpenModels(
         space, fits, own, less, np.array([fits[place].theta_unit.size for place in own]),
         floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
-    return models.separations(), models.judged_by_held_out(is_beside_error=is_beside_error)
 
 
 @dataclass(frozen=True)
-class _OpenModels:
+class OpenModels:
     """Models that the data leave open, each beside the same model without the cause in question.
 
     own, less: their places among the distinct fits; sizes: their numbers of parameters. floor,
@@ -170,7 +164,10 @@ class _OpenModels:
             for fit, seen in zip(self.fits, zip(*views, strict=True), strict=True)]
 
     def judged_by_held_out(self, *, is_beside_error: bool) -> tuple[HeldOutEvidence, ...]:
-        """The models fitted to the held-out runs too, the most likely first."""
+        """The models fitted to the held-out runs too, the most likely first.
+
+        is_beside_error: whether the models are judged beside learnt error of the model.
+        """
         problem = self.space.problem
         held_out = tuple(run.name for run in problem.held_out)
         if not held_out:
