@@ -179,17 +179,14 @@ def compare_records(
                               identified.parameters.contact.to_array(), watch)
     start = dict(zip(PARAMETER_NAMES, law.tolist(), strict=True))
     renewed, said = renewed_between(before, after)
-    system = TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed)
-    problem = Problem(
-        system, [one.run for one in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
+    diagnosis, system = _diagnosed(Problem(
+        TwoSessions(ring, frozenset(one.run.name for one in earlier), renewed),
+        [one.run for one in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
         assumptions=discrepancy.Assumptions(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
         start=start, proposals=next_test.propose(rig, [one.run for one in later]),
-        watch=Watch('diagnose', on_progress, is_cancelled))
-    diagnosis = discrepancy.diagnose_system(problem)
-    if diagnosis.verdict != 'none' and sessions.have_rollers_moved(diagnosis, system):
-        system = replace(system, are_rollers_moved=True)
-        diagnosis = discrepancy.diagnose_system(replace(problem, system=system))
+        watch=Watch('diagnose', on_progress, is_cancelled)))
+    if system.are_rollers_moved:
         said.append(MOVED_ROLLERS)
     if ring.raceways:
         said.append(f'{ring_wording.wave_words(rms_of(ring.raceways))} are as far as the earlier '
@@ -221,6 +218,16 @@ def compare_records(
         seed, series_of(ring, prepared, start, watch) if between else None)
     watch.progress('verdict', 1.0)
     return change
+
+
+def _diagnosed(problem: Problem) -> tuple[Diagnosis, TwoSessions]:
+    """The diagnosis of a change, and its system: with rollers that moved where they are likely."""
+    assert isinstance(problem.system, TwoSessions)
+    diagnosis, system = discrepancy.diagnose_system(problem), problem.system
+    if diagnosis.verdict == 'none' or not sessions.have_rollers_moved(diagnosis, system):
+        return diagnosis, system
+    moved = replace(system, are_rollers_moved=True)
+    return discrepancy.diagnose_system(replace(problem, system=moved)), moved
 
 
 def check_sessions(
