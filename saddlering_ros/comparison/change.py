@@ -215,7 +215,9 @@ def compare_records(
         figures_of_sessions(rig, before, after), (*doubts, *notes),
         ' '.join(filter(None, (wiring_first(rig, [*before, *after]), _next_test(
             diagnosis, doubts, rig)))) or None, rig,
-        seed, series_of(ring, prepared, start, watch) if between else None)
+        seed, series_of(
+            ring, prepared, start, watch, are_rollers_moved=system.are_rollers_moved)
+        if between else None)
     watch.progress('verdict', 1.0)
     return change
 

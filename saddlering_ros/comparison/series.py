@@ -162,9 +162,12 @@ class ChangeSeries:
 
 def series_of(
     ring: RingSystem, prepared: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
-    watch: Watch,
+    watch: Watch, *, are_rollers_moved: bool,
 ) -> ChangeSeries:
-    """The series of sessions by name, the base session first; start: its contact law."""
+    """The series of sessions by name, the base session first; start: its contact law.
+
+    are_rollers_moved: whether the rollers of each session may stand elsewhere.
+    """
     base, *later = prepared
     system = sessions.TwoSessions(ring, frozenset(record.run.name for record in prepared[base]))
     problem = discrepancy.Problem(
@@ -191,15 +194,24 @@ def series_of(
     errors = np.hstack([
         nuisances, discrepancy.model_error_columns(own_errors, discrepancy.ModelErrorPrior()),
         contact * ranges / (CONTACT_STEP * law)])
-    errors, shapes, residual = map(discrepancy.noise_metric(problem).whiten_noise, (
-        errors, shapes, problem.measured - prediction))
-    sums = []
-    for records in prepared.values():
-        names = {record.run.name for record in records}
-        rows = np.concatenate([np.arange(part.start, part.stop)
-                               for index, _, part in problem.slices
-                               if problem.runs[index].name in names])
-        sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
+    rows = [np.concatenate([np.arange(part.start, part.stop)
+                            for index, _, part in problem.slices
+                            if problem.runs[index].name in {one.run.name for one in records}])
+            for records in prepared.values()]
+    if are_rollers_moved:
+        rollers = math.sqrt(2.0) * np.concatenate([
+            columns.reshape(-1, columns.shape[2]) for columns in ring.other_rollers(
+                problem.runs, [discrepancy.Point(law)] * len(problem.runs))])
+        own = np.zeros((len(later), *rollers.shape))
+        for session, there in zip(own, rows[1:], strict=True):
+            session[there] = rollers[there]
+        errors = np.hstack([errors, *own])
+    residual = problem.measured - prediction
+    # The noise between tests, which rests do not show, is in what the errors leave.
+    left = discrepancy.noise_metric(problem).marginalise(errors).without_nuisances(residual)
+    metric = discrepancy.noise_metric(problem, problem.measured - left)
+    errors, shapes, residual = map(metric.whiten_noise, (errors, shapes, residual))
+    sums = [SessionSums.of(errors[there], shapes[there], residual[there]) for there in rows]
     evidence = evidence_of(sums[0], sums[1:])
     if evidence.kind < len(kinds):
         (effect, values), = kinds[evidence.kind].items()

@@ -22,7 +22,7 @@ from saddlering_ros.comparison.change import (
     MOVED_ROLLERS,
     renewed_between,
 )
-from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
+from saddlering_ros.comparison.series import CHANGED, ChangeSeries, Evidence, series_of
 from saddlering_ros.comparison.sessions import beside, LATER, SESSION, TwoSessions, with_main_cause
 from saddlering_ros.comparison.wear import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.diagnosis.records import build_record
@@ -136,16 +136,35 @@ def test_probes_that_were_remounted_at_another_span_are_not_a_change_of_the_ring
     assert (rest.verdict, rest.causes[0].partial) == ('unknown', True)
 
 
+def series_by(*every, are_rollers_moved=False):
+    """The series of sessions, about the true contact law."""
+    prepared = {str(number): [build_record(RIG, record, held_out=False) for record in records]
+                for number, records in enumerate(every)}
+    start = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
+    return series_of(RingSystem(RIG), prepared, start, Watch('compare'),
+                     are_rollers_moved=are_rollers_moved)
+
+
+@pytest.mark.parametrize('rollers', [(7, 7), (8, 9)])
+@pytest.mark.parametrize(('force', 'is_changed'), [(350.0, False), (850.0, True)])
+def test_a_series_of_a_ring_that_does_not_change_has_no_evidence(rollers, force, is_changed):
+    """It had e-values of 7e7, and of 3e88 with rollers that stand elsewhere."""
+    usual = {'tests': (*TESTS, ('static', 70.0)), 'scatter': Scatter(1.5e-6, 0.03)}
+    later = with_size(dirt(), 'radial_friction', force)
+    series = series_by(
+        session(0, dirt(), **usual), session(15, dirt(), rollers=rollers[0], **usual),
+        session(30, later, rollers=rollers[1], **usual), are_rollers_moved=rollers != (7, 7))
+    assert series.evidence.e_values[0] < CHANGED
+    assert (series.evidence.e_values[1] >= CHANGED) == is_changed
+
+
 def test_a_dimension_that_differs_from_one_session_on_has_a_limit_and_a_series(before, grown):
     limits = {limit['effect']: limit for limit in grown.to_json()['detection_limits']}
     span = limits['rig_axial_span']
     assert 0.002 < span['limit'] < 0.02 < span['one_session']
     assert 'rig_polarity' not in limits, 'a sign has no smallest size'
     remounted = session(4, dirt(), rig=RIG.changed('probes', 'axial_span', -0.05))
-    prepared = {name: [build_record(RIG, record, held_out=False) for record in records]
-                for name, records in (('first', before), ('second', remounted))}
-    start = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
-    series = series_of(RingSystem(RIG), prepared, start, Watch('compare'))
+    series = series_by(before, remounted)
     assert (series.effect, series.parameter, series.unit) == ('rig_axial_span', 'change', 'm')
     assert series.sizes[0] == pytest.approx(-0.05, abs=2.0 * series.deviations[0])
 
