@@ -238,7 +238,8 @@ def simulate(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     """
-    inputs.as_parameters(parameters)  # None is refused
+    if parameters is None:
+        raise inputs.no_parameters(parameters)
     return _curves('simulated', simulated_stretches, bag, parameters, rig, trust_rig,
                    on_progress, is_cancelled)
 
@@ -247,7 +248,8 @@ def residual(bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None,
              trust_rig: bool = False, on_progress: OnProgress | None = None,
              is_cancelled: IsCancelled | None = None) -> Curves:
     """Measured minus simulated displacement of a test; the arguments are those of `simulate`."""
-    inputs.as_parameters(parameters)
+    if parameters is None:
+        raise inputs.no_parameters(parameters)
     return _curves('measured minus simulated', residual_stretches, bag, parameters, rig,
                    trust_rig, on_progress, is_cancelled)
 

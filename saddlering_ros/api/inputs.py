@@ -296,8 +296,13 @@ def as_parameters(given: ParametersLike) -> ParameterSet:
         return law
     if isinstance(law, (Path, str)):
         return read_parameters(law)
-    raise ApiError(f'parameters: {type(given).__name__} holds none: give a ParameterSet, a '
-                   'parameter file or the result of identify or diagnose')
+    raise no_parameters(given)
+
+
+def no_parameters(given: object) -> ApiError:
+    """The fault of an argument that holds no parameters."""
+    return ApiError(f'parameters: {type(given).__name__} holds none: give a ParameterSet, a '
+                    'parameter file or the result of identify or diagnose')
 
 
 def origins(*given: object) -> tuple[Origin, ...]:
